@@ -1,0 +1,363 @@
+"""Every message on the bus: frozen, without extras, without NaN, with units in the field names.
+
+A number whose name ends in no unit of `bus.units` has none. Angles are in radians, in (-pi, pi]; frames are those
+of docs/architecture.md: {E} is the tank (x right, y down in the picture, z into the water), {B} the body.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+
+from bus.units import unit_of
+
+Name = Annotated[str, StringConstraints(max_length=64)]
+Text = Annotated[str, StringConstraints(max_length=400)]
+Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
+Stick = Annotated[float, Field(ge=-1.0, le=1.0)]
+Count = Annotated[int, Field(ge=0)]
+Key = Annotated[str, StringConstraints(max_length=200)]
+
+Mode = Literal["stop", "manual", "hold", "heading", "depth", "speed", "line", "path", "distance", "experiment"]
+AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+"""The six components of state and wrench, in the order of SNAME."""
+
+
+def _state_units(schema: dict[str, Any]) -> None:
+    for name, field in schema.get("properties", {}).items():
+        if unit := unit_of(name):
+            field["unit"] = unit
+
+
+class Message(BaseModel):
+    """Header of every message. The run loop fills it: a service publishes only the content."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, json_schema_extra=_state_units)
+
+    stamp_ns: int = Field(0, ge=0, le=2**63 - 1, description="when the content was true; of a command: decided")
+    seq: int = Field(0, ge=0, description="counts this publisher's messages on this key; a gap is a loss")
+    source: Name = Field("", description="service that published it")
+    origin_ns: int | None = Field(None, ge=0, description="capture time of the camera frame it comes from")
+
+    def encode(self) -> bytes:
+        """Return the message as it goes over the wire: JSON."""
+        return self.__pydantic_serializer__.to_json(self)
+
+    @classmethod
+    def decode(cls, payload: bytes) -> Self:
+        """Return the message of a payload; raise ValueError (pydantic.ValidationError) when it is malformed."""
+        return cls.model_validate_json(payload)
+
+
+# --- camera -----------------------------------------------------------------------------------------------------
+
+
+class CameraPose(Message):
+    """Pose of the marker in one frame. `stamp_ns` is the capture time. Metres only when a scale is known."""
+
+    name: Name = Field("vessel", description="which vessel, where several are tracked")
+    frame: Count
+    x_px: float
+    y_px: float
+    x_m: float | None = None
+    y_m: float | None = None
+    psi_rad: float
+    quality: Fraction
+    reason: Text = Field("", description="why the quality is low")
+    heading_ambiguous: bool = False
+
+
+class CameraStatus(Message):
+    """How the tracker fares, once a second and at every change."""
+
+    state: Literal["no_camera", "searching", "tracking"]
+    error: Text = ""
+    camera: Text = Field("", description="address of the picture source")
+    frames: Count = 0
+    frames_dropped: Count = 0
+    poses: Count = 0
+    rate_hz: float = 0.0
+    latency_s: float = Field(0.0, description="from capture to publishing, mean of the last second")
+    width_px: Count = 0
+    height_px: Count = 0
+    scale_px_per_m: float | None = None
+
+
+class CameraImage(Message):
+    """One picture. On the wire: 4 bytes little-endian length of the JSON header, the header, the JPEG bytes."""
+
+    frame: Count
+    width_px: Count
+    height_px: Count
+    data: bytes = Field(b"", exclude=True, repr=False)
+
+    def encode(self) -> bytes:
+        """Return length, header and JPEG bytes."""
+        header = self.__pydantic_serializer__.to_json(self, exclude={"data"})
+        return len(header).to_bytes(4, "little") + header + self.data
+
+    @classmethod
+    def decode(cls, payload: bytes) -> Self:
+        """Return the image of a payload; raise ValueError when it is malformed."""
+        header, data = split_image(payload)
+        return cls.model_validate_json(header).model_copy(update={"data": data})
+
+
+def split_image(payload: bytes) -> tuple[bytes, bytes]:
+    """Return (JSON header, JPEG bytes) of an image's payload; raise ValueError when it is too short."""
+    end = 4 + int.from_bytes(payload[:4], "little")
+    if len(payload) < 5 or end > len(payload):
+        raise ValueError("image payload is shorter than its header says")
+    return payload[4:end], payload[end:]
+
+
+# --- navigation -------------------------------------------------------------------------------------------------
+
+
+class NavigationState(Message):
+    """Estimated eta in {E}, nu in {B} and disturbance. What a vessel does not have is null."""
+
+    status: Literal["initialising", "tracking", "predicting", "lost"]
+    filtered: bool = Field(True, description="false: measured values mapped straight to estimates")
+    x_m: float
+    y_m: float
+    z_m: float | None = None
+    phi_rad: float | None = None
+    theta_rad: float | None = None
+    psi_rad: float
+    surge_m_s: float
+    sway_m_s: float
+    heave_m_s: float | None = None
+    roll_rad_s: float | None = None
+    pitch_rad_s: float | None = None
+    yaw_rad_s: float
+    disturbance_x_n: float | None = Field(None, description="slowly varying force in {E}")
+    disturbance_y_n: float | None = Field(None, description="slowly varying force in {E}")
+    disturbance_yaw_nm: float | None = None
+    x_std_m: float | None = None
+    y_std_m: float | None = None
+    psi_std_rad: float | None = None
+    measurement_age_s: float = Field(description="time since the last measurement was captured")
+    rejected: Count = Field(0, description="measurements refused by the innovation gate")
+
+
+# --- wrenches ---------------------------------------------------------------------------------------------------
+
+
+class Wrench(Message):
+    """Force and moment in {B}. A component that is null is not covered by whoever publishes it."""
+
+    surge_n: float | None = None
+    sway_n: float | None = None
+    heave_n: float | None = None
+    roll_nm: float | None = None
+    pitch_nm: float | None = None
+    yaw_nm: float | None = None
+
+    def vector(self) -> tuple[float, float, float, float, float, float]:
+        """Return [X, Y, Z, K, M, N] in N and Nm, zero where a component is null."""
+        return (
+            self.surge_n or 0.0,
+            self.sway_n or 0.0,
+            self.heave_n or 0.0,
+            self.roll_nm or 0.0,
+            self.pitch_nm or 0.0,
+            self.yaw_nm or 0.0,
+        )
+
+
+class HelmWrench(Wrench):
+    """The wrench that acts."""
+
+    mode: Mode
+
+
+class ControlStatus(Message):
+    """What the controller does: the law, its errors in {E} and its integral action as acceleration in {E}."""
+
+    law: Name
+    in_charge: bool
+    error_x_m: float | None = None
+    error_y_m: float | None = None
+    error_psi_rad: float | None = None
+    integral_x_m_s: float | None = Field(None, description="integral of the position error, times 1/a3: m/s^2 * s")
+    integral_y_m_s: float | None = None
+    integral_psi_rad_s: float | None = None
+    saturated: bool = False
+
+
+class AttainedWrench(Wrench):
+    """What the limits allow of the demanded wrench, before rounding; with the demand it answers."""
+
+    demanded_surge_n: float | None = None
+    demanded_sway_n: float | None = None
+    demanded_heave_n: float | None = None
+    demanded_roll_nm: float | None = None
+    demanded_pitch_nm: float | None = None
+    demanded_yaw_nm: float | None = None
+    limited: bool = False
+
+
+class ActuatorCommand(Message):
+    """One value per actuator of the vessel file, in the actuator's own unit (thruster: command number)."""
+
+    commands: dict[Name, float]
+
+
+# --- operator and helm ------------------------------------------------------------------------------------------
+
+
+class OperatorJoystick(Message):
+    """Stick positions as a part of what the vessel can do on each axis. Acts in mode manual only."""
+
+    client: Name
+    surge: Stick = 0.0
+    sway: Stick = 0.0
+    heave: Stick = 0.0
+    yaw: Stick = 0.0
+
+
+class OperatorRequest(Message):
+    """A wish of an operator, answered on helm/answer. `mode` also takes the lease for `lease_s`.
+
+    An attended lease (a page that renews it) excludes other clients unless they `take` it. An unattended one (a
+    command line that has ended) only tells a restarted helm that its mode is still wanted.
+    """
+
+    request_id: Name
+    client: Name
+    action: Literal["mode", "renew", "release"] = "mode"
+    mode: Mode | None = None
+    x_m: float | None = None
+    y_m: float | None = None
+    psi_rad: float | None = None
+    lease_s: float = Field(3.0, gt=0.0, le=86400.0)
+    attended: bool = True
+    take: bool = Field(False, description="take the lease from another client that still holds it")
+
+
+class HelmAnswer(Message):
+    """Answer to an operator's request."""
+
+    request_id: Name
+    client: Name
+    accepted: bool
+    reason: Text = ""
+
+
+class HelmState(Message):
+    """Who has which axis, and what is wanted."""
+
+    mode: Mode
+    status: Literal["disarmed", "armed", "fault"]
+    suspended: bool = Field(False, description="zero wrench until source and pose are fresh again")
+    reason: Text = Field("", description="why the helm suspended, stopped or refused last")
+    x_m: float | None = None
+    y_m: float | None = None
+    psi_rad: float | None = None
+    sources: dict[Name, Literal["manual", "controller", "experiment"]] = Field(
+        default_factory=dict, description="axis -> who has it"
+    )
+    law: Name = Field("", description="control law that the controller runs")
+    holder: Name = Field("", description="client that holds the lease")
+    attended: bool = False
+    lease_expires_ns: Count = 0
+    refused: Count = Field(0, description="requests refused since start")
+
+
+# --- platform link ----------------------------------------------------------------------------------------------
+
+
+class LinkStatus(Message):
+    """Statistics of the radio link."""
+
+    state: Literal["disconnected", "connected"]
+    error: Text = ""
+    port: Text = ""
+    sent: Count = 0
+    received: Count = 0
+    lost: Count = Field(0, description="gaps in the platform's sequence")
+    crc_errors: Count = Field(0, description="frames from the platform with a wrong check sum")
+    platform_crc_errors: Count = Field(0, description="frames the platform refused, as it reports")
+    rate_hz: float = 0.0
+    round_trip_s: float | None = None
+    command_age_s: float | None = Field(None, description="age of the command that was sent last")
+
+
+class LinkTelemetry(Message):
+    """What the platform says it does."""
+
+    commands: dict[Name, float] = Field(description="commands that the motor drivers run")
+    dead_man: bool = Field(description="true: the platform has stopped its thrusters for want of commands")
+    battery_v: float | None = None
+
+
+# --- system -----------------------------------------------------------------------------------------------------
+
+
+class Heartbeat(Message):
+    """Life sign from inside a service's loop."""
+
+    state: Literal["starting", "running", "stopping"]
+    pid: Count
+    rate_hz: float = Field(description="steps per second since the last heartbeat")
+    late_steps: Count = Field(description="steps that began over one period late, since start")
+    step_mean_ms: float
+    step_max_ms: float
+    malformed: Count = Field(0, description="messages dropped because they did not fit their schema, since start")
+    gaps: Count = Field(0, description="messages missed by the sequence numbers, since start")
+    note: Text = Field("", description="last thing worth telling, such as the first malformed message")
+
+
+class RecorderStatus(Message):
+    """State of the recording."""
+
+    state: Literal["recording", "idle", "error"]
+    error: Text = ""
+    file: Text = ""
+    messages: Count = 0
+    size_bytes: Count = 0
+    dropped: Count = 0
+
+
+class SimulationTruth(Message):
+    """What only the simulator knows. No service of the control chain may read it."""
+
+    x_m: float
+    y_m: float
+    psi_rad: float
+    surge_m_s: float
+    sway_m_s: float
+    yaw_rad_s: float
+    current_x_m_s: float
+    current_y_m_s: float
+    surge_n: float
+    sway_n: float
+    yaw_nm: float
+    commands: dict[Name, float] = Field(description="commands at the firmware's end")
+
+
+class SimulationFault(Message):
+    """Order to the simulator: a fault begins (or ends with `active: false`). `poke simulation/fault`."""
+
+    kind: Literal[
+        "camera_shift",
+        "camera_black",
+        "flip_byte",
+        "thruster_dead",
+        "current",
+        "dropout",
+        "displace",
+        "clear",
+    ]
+    active: bool = True
+    x_px: float = 0.0
+    y_px: float = 0.0
+    x_m_s: float = 0.0
+    y_m_s: float = 0.0
+    x_m: float = 0.0
+    y_m: float = 0.0
+    psi_rad: float = 0.0
+    thruster: Name = ""
+    fraction: Fraction = Field(0.0, description="dropout: part of the frames that are lost")

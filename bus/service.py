@@ -1,0 +1,253 @@
+"""A service: a small class with typed ports and a synchronous `step`; no callbacks, no locks, no clock.
+
+The same object runs live (`bus.run`), under a test and in a replay (`bus.memory_bus`). A transport offers samples to
+the inputs from whatever thread it has; the loop takes them over with `refresh` before each step, so that inside a
+step nothing changes.
+"""
+
+from __future__ import annotations
+
+import copy
+import logging
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
+
+from pydantic import ValidationError
+
+from bus.messages import Message, Text
+from bus.topics import Topic
+
+M = TypeVar("M", bound=Message)
+Send = Callable[[Topic[Any], Message], None]
+
+FUTURE_TOLERANCE_S = 0.1
+"""A stamp further ahead of the clock than this is absurd and its message never fresh."""
+
+
+class RawSample(NamedTuple):
+    """One message as it came: key without the vessel, payload, arrival time."""
+
+    key: str
+    payload: bytes
+    received_ns: int
+
+
+@dataclass
+class Moment:
+    """The time of the running step and the name that goes into headers; shared by the ports of one service."""
+
+    now_ns: int = 0
+    source: str = ""
+
+
+class Input(Generic[M]):
+    """What a service reads: the latest message of a topic, or with `queue=n` all of them, at most n a step."""
+
+    def __init__(self, topic: Topic[M], *, max_age_s: float | None = None, wakes: bool = False, queue: int = 0) -> None:
+        self.topic = topic
+        self.max_age_s = max_age_s
+        self.wakes = wakes
+        self.queue = queue
+        self.latest: M | None = None
+        """The newest message whatever its age, None before the first."""
+        self.updated = False
+        """Whether `latest` came since the step before."""
+        self.malformed = 0
+        self.gaps = 0
+        self.problem = ""
+        self._pending: deque[bytes | Message] = deque(maxlen=queue or 1)
+        self._taken: list[M] = []
+        self._offered = 0
+        self._seen = 0
+        self._sequence = (-1, "")
+
+    def offer(self, sample: bytes | Message) -> None:
+        """Hand over a sample; called by the transport, from any thread."""
+        self._offered += 1
+        self._pending.append(sample)
+
+    def offer_retained(self, sample: bytes | Message) -> None:
+        """Hand over the last value the hub kept, unless something newer came already."""
+        if self.latest is None and not self._pending:
+            self.offer(sample)
+
+    def refresh(self) -> None:
+        """Take over what was offered; called by the loop before each step."""
+        self.updated = False
+        if self._taken:
+            self._taken = []
+        while self._pending:
+            sample = self._pending.popleft()
+            message = self._decode(sample)
+            if message is None:
+                continue
+            self._count_gaps(message)
+            self.latest = message
+            self.updated = True
+            if self.queue:
+                self._taken.append(message)
+
+    def _decode(self, sample: bytes | Message) -> M | None:
+        if isinstance(sample, self.topic.message):
+            return sample
+        try:
+            if isinstance(sample, Message):
+                raise ValueError(f"got a {type(sample).__name__}")
+            return self.topic.message.decode(sample)
+        except ValueError as error:
+            self.malformed += 1
+            self.problem = f"{self.topic.key}: dropped a malformed message: {first_line(error)}"
+            return None
+
+    def _count_gaps(self, message: M) -> None:
+        offered, self._seen = self._offered - self._seen, self._offered
+        last, source = self._sequence
+        if source == message.source and message.seq > last:
+            self.gaps += max(0, message.seq - last - max(offered, 1))
+        self._sequence = (message.seq, message.source)
+
+    def fresh(self, now_s: float) -> M | None:
+        """Return the latest message unless its stamp is older than `max_age_s` or lies in the future."""
+        if self.latest is None or self.max_age_s is None:
+            return self.latest
+        age_s = now_s - self.latest.stamp_ns * 1e-9
+        return self.latest if -FUTURE_TOLERANCE_S <= age_s <= self.max_age_s else None
+
+    def take(self) -> list[M]:
+        """Return the messages of a queued input that came since the step before, oldest first."""
+        return self._taken
+
+
+class RawInput:
+    """Everything that fits a pattern, undecoded: for the recorder and the page."""
+
+    def __init__(self, pattern: str = "**", *, queue: int = 20000, wakes: bool = False) -> None:
+        self.pattern = pattern
+        self.queue = queue
+        self.wakes = wakes
+        self.dropped = 0
+        """Samples lost because the service did not take them in time."""
+        self._pending: deque[RawSample] = deque()
+
+    def offer(self, sample: RawSample) -> None:
+        """Hand over a sample; called by the transport, from any thread."""
+        if len(self._pending) >= self.queue:
+            self._pending.popleft()
+            self.dropped += 1
+        self._pending.append(sample)
+
+    def take(self) -> list[RawSample]:
+        """Return what came since the last call, oldest first."""
+        return [self._pending.popleft() for _ in range(len(self._pending))]
+
+
+class Output(Generic[M]):
+    """What a service publishes."""
+
+    def __init__(self, topic: Topic[M]) -> None:
+        self.topic = topic
+        self._sequence = 0
+        self._moment = Moment()
+        self._send: Send | None = None
+
+    def bind(self, moment: Moment, send: Send) -> None:
+        """Connect the port to a transport."""
+        self._moment, self._send = moment, send
+
+    def publish(self, message: M) -> M:
+        """Fill in the header (a stamp that is set already stays) and send; return what was sent."""
+        if self._send is None:
+            raise RuntimeError(f"{self.topic.key}: the service is on no bus")
+        stamped = message.model_copy(
+            update={
+                "stamp_ns": message.stamp_ns or self._moment.now_ns,
+                "seq": self._sequence,
+                "source": self._moment.source,
+            }
+        )
+        self._sequence += 1
+        self._send(self.topic, stamped)
+        return stamped
+
+
+Port = Input[Any] | Output[Any] | RawInput
+
+
+class Service:
+    """Base of all services: declare ports as class attributes, work in `step`.
+
+    `config` and `vessel` are given by name to `__init__` when it asks for them (see services.catalog).
+    """
+
+    name: ClassVar[str]
+    rate_hz: ClassVar[float] = 10.0
+    """`step` runs at the latest every 1 / rate_hz, and at once when an input that wakes has something."""
+    ports: ClassVar[dict[str, Port]] = {}
+    log: logging.Logger
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        cls.ports = {
+            name: port
+            for base in reversed(cls.__mro__)
+            for name, port in vars(base).items()
+            if isinstance(port, Input | Output | RawInput)
+        }
+
+    def __new__(cls, *_args: Any, **_kwargs: Any) -> Any:
+        """Give each object ports of its own."""
+        self = super().__new__(cls)
+        for name, port in cls.ports.items():
+            setattr(self, name, _own(port))
+        self.log = logging.getLogger(getattr(cls, "name", cls.__name__))
+        return self
+
+    @property
+    def inputs(self) -> list[Input[Any]]:
+        """The typed inputs of this object."""
+        return [p for n in self.ports if isinstance(p := getattr(self, n), Input)]
+
+    @property
+    def raw_inputs(self) -> list[RawInput]:
+        """The undecoded inputs of this object."""
+        return [p for n in self.ports if isinstance(p := getattr(self, n), RawInput)]
+
+    @property
+    def outputs(self) -> list[Output[Any]]:
+        """The outputs of this object."""
+        return [p for n in self.ports if isinstance(p := getattr(self, n), Output)]
+
+    def files(self) -> Sequence[int]:
+        """File descriptors that wake the loop when they become readable, besides the inputs."""
+        return ()
+
+    def start(self, now_s: float) -> None:
+        """Open what the service holds; called once, on the bus, before the first step."""
+
+    def step(self, now_s: float) -> None:
+        """Do the work of one round: read inputs, publish outputs. `now_s` is the only clock."""
+        raise NotImplementedError
+
+    def stop(self, now_s: float) -> None:
+        """Bring what the service holds into a safe state and close it; called once, whatever ended the loop."""
+
+
+def _own(port: Port) -> Port:
+    fresh = copy.copy(port)
+    if isinstance(fresh, Input):
+        fresh._pending = deque(maxlen=fresh.queue or 1)
+        fresh._taken = []
+    elif isinstance(fresh, RawInput):
+        fresh._pending = deque()
+    return fresh
+
+
+def first_line(error: Exception) -> Text:
+    """Return an error as one short line; of a validation error the first field and reason."""
+    if isinstance(error, ValidationError):
+        first = error.errors(include_url=False, include_input=False)[0]
+        where = ".".join(str(part) for part in first["loc"])
+        return f"{where}: {first['msg']}"[:300] if where else str(first["msg"])[:300]
+    return (str(error).splitlines() or [type(error).__name__])[0][:300]

@@ -1,0 +1,107 @@
+"""One service between two waits: fill inputs, step, heartbeat, statistics. The same live and in memory."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+
+from bus.clock import NS
+from bus.messages import Heartbeat
+from bus.service import Moment, Output, Send, Service
+from bus.topics import HEARTBEAT
+
+HEARTBEAT_NS = NS
+
+
+class Stepper:
+    """Steps a service and tells how it fares.
+
+    `timer` gives seconds for the step times of the heartbeat; a constant one keeps `MemoryBus` deterministic.
+    """
+
+    def __init__(self, service: Service, send: Send, timer: Callable[[], float]) -> None:
+        self.service = service
+        self.period_ns = round(NS / service.rate_hz)
+        self.due_ns = 0
+        self._timer = timer
+        self._moment = Moment(source=service.name)
+        self._inputs = service.inputs
+        self._raw_inputs = service.raw_inputs
+        self._heartbeat = Output(HEARTBEAT.of(service.name))
+        for output in [*service.outputs, self._heartbeat]:
+            output.bind(self._moment, send)
+        self._steps = 0
+        self._late = 0
+        self._busy_s = 0.0
+        self._longest_s = 0.0
+        self._beat_ns = 0
+        self._told: dict[str, int] = {}
+        self._note = ""
+
+    def start(self, now_ns: int) -> None:
+        """Start the service; its first step is due at once."""
+        self._moment.now_ns = now_ns
+        self.due_ns = now_ns
+        self._beat_ns = now_ns
+        self.service.start(now_ns / NS)
+        self._beat("starting", now_ns)
+
+    def step(self, now_ns: int) -> None:
+        """Run one step and set when the next is due."""
+        self._moment.now_ns = now_ns
+        for port in self._inputs:
+            port.refresh()
+            if port.problem:
+                self._tell_problem(port.topic.key, port.problem)
+                port.problem = ""
+        begin = self._timer()
+        self.service.step(now_ns / NS)
+        spent = self._timer() - begin
+        self._steps += 1
+        self._busy_s += spent
+        self._longest_s = max(self._longest_s, spent)
+        self._schedule(now_ns)
+        if now_ns - self._beat_ns >= HEARTBEAT_NS:
+            self._beat("running", now_ns)
+
+    def _schedule(self, now_ns: int) -> None:
+        if now_ns < self.due_ns:  # woken by an input
+            self.due_ns = now_ns + self.period_ns
+            return
+        if now_ns - self.due_ns > self.period_ns:
+            self._late += 1
+        self.due_ns += self.period_ns
+        if self.due_ns <= now_ns:
+            self.due_ns = now_ns + self.period_ns
+
+    def _tell_problem(self, key: str, problem: str) -> None:
+        """Say a recurring problem once in the log; the heartbeat counts the rest."""
+        self._note = problem
+        self._told[key] = self._told.get(key, 0) + 1
+        if self._told[key] == 1:
+            self.service.log.warning("%s (further ones are counted in the heartbeat)", problem)
+
+    def stop(self, now_ns: int) -> None:
+        """Bring the service into its safe state."""
+        self._moment.now_ns = now_ns
+        try:
+            self.service.stop(now_ns / NS)
+        finally:
+            self._beat("stopping", now_ns)
+
+    def _beat(self, state: str, now_ns: int) -> None:
+        seconds = (now_ns - self._beat_ns) / NS
+        self._heartbeat.publish(
+            Heartbeat(
+                state=state,
+                pid=os.getpid(),
+                rate_hz=self._steps / seconds if seconds > 0 else 0.0,
+                late_steps=self._late,
+                step_mean_ms=1e3 * self._busy_s / max(self._steps, 1),
+                step_max_ms=1e3 * self._longest_s,
+                malformed=sum(port.malformed for port in self._inputs),
+                gaps=sum(port.gaps for port in self._inputs) + sum(port.dropped for port in self._raw_inputs),
+                note=self._note,
+            )
+        )
+        self._beat_ns, self._steps, self._busy_s, self._longest_s = now_ns, 0, 0.0, 0.0
