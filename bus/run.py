@@ -1,0 +1,162 @@
+"""The loop of every process: signals, rate, heartbeat, watchdogs. It owns all that a service does not.
+
+The loop waits in one selector on an eventfd that the bus writes, on the files a service names and on the signal's
+descriptor. Readiness and life are told to the supervisor by systemd's protocol (`NOTIFY_SOCKET`), so the same process
+runs under `starboard up`, under systemd (`Type=notify`, `WatchdogSec=`) and by hand.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import faulthandler
+import gc
+import logging
+import os
+import selectors
+import signal
+import socket
+import sys
+import time
+from collections.abc import Iterator, Sequence
+
+from bus.clock import NS, Clock, SystemClock
+from bus.hub import Hub
+from bus.service import Service
+from bus.stepper import Stepper
+from bus.zenoh_bus import ZenohBus
+
+WATCHDOG_S = 2.0
+"""A loop that does not come round for so long is killed, with a traceback of where it hangs."""
+_REARM_NS = NS // 2
+
+
+def run(service: Service, bus: ZenohBus, clock: Clock | None = None) -> None:
+    """Run a service until SIGTERM or SIGINT; then bring it into its safe state and leave the bus.
+
+    Whatever a step raises ends the process with a traceback, after `service.stop`: the supervisor starts it again.
+    """
+    clock = clock or SystemClock()
+    with _signals() as signal_fd, contextlib.closing(_Waker()) as waker:
+        if isinstance(service, Hub):
+            service.serve(bus)
+        stepper = Stepper(service, bus.publish, time.perf_counter)
+        bus.attach(service, waker.wake)
+        try:
+            with _Watchdog() as watchdog:
+                _loop(stepper, clock, waker, signal_fd, watchdog)
+        finally:
+            _notify("STOPPING=1")
+            stepper.stop(clock.now_ns())
+            bus.close()
+
+
+def _loop(stepper: Stepper, clock: Clock, waker: _Waker, signal_fd: int, watchdog: _Watchdog) -> None:
+    stepper.start(clock.now_ns())
+    _notify("READY=1")
+    gc.collect()
+    gc.freeze()  # what start made lives for ever: never walk it again
+    watched: Sequence[int] = ()
+    with selectors.PollSelector() as selector:
+        selector.register(waker.fd, selectors.EVENT_READ)
+        selector.register(signal_fd, selectors.EVENT_READ)
+        while True:
+            watched = _watch(selector, watched, stepper.service.files())
+            wait_s = (stepper.due_ns - clock.now_ns()) / NS
+            ready = {key.fd for key, _ in selector.select(max(wait_s, 0.0))}
+            if signal_fd in ready:
+                return
+            if waker.fd in ready:
+                waker.clear()
+            now_ns = clock.now_ns()
+            if ready or now_ns >= stepper.due_ns:
+                stepper.step(now_ns)
+            watchdog.feed(now_ns)
+
+
+def _watch(selector: selectors.BaseSelector, watched: Sequence[int], wanted: Sequence[int]) -> Sequence[int]:
+    """Follow the files a service names. (poll, not epoll: that forgets a descriptor that was closed and came again.)"""
+    if watched == wanted:
+        return watched
+    for fd in watched:
+        with contextlib.suppress(KeyError, ValueError):
+            selector.unregister(fd)
+    for fd in wanted:
+        selector.register(fd, selectors.EVENT_READ)
+    return tuple(wanted)
+
+
+class _Waker:
+    """An eventfd that the bus writes from its threads."""
+
+    def __init__(self) -> None:
+        self.fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+
+    def wake(self) -> None:
+        with contextlib.suppress(OSError):  # a late message while the loop closes
+            os.eventfd_write(self.fd, 1)
+
+    def clear(self) -> None:
+        os.eventfd_read(self.fd)
+
+    def close(self) -> None:
+        os.close(self.fd)
+
+
+class _Watchdog:
+    """Ends a process whose loop hangs, and tells the supervisor that this one does not."""
+
+    def __init__(self) -> None:
+        self._fed_ns = 0
+
+    def __enter__(self) -> _Watchdog:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        faulthandler.cancel_dump_traceback_later()
+
+    def feed(self, now_ns: int) -> None:
+        if 0 <= now_ns - self._fed_ns < _REARM_NS:
+            return
+        self._fed_ns = now_ns
+        faulthandler.dump_traceback_later(WATCHDOG_S, exit=True)
+        _notify("WATCHDOG=1")
+
+
+@contextlib.contextmanager
+def _signals() -> Iterator[int]:
+    """Turn SIGTERM and SIGINT into a readable descriptor."""
+    reader, writer = socket.socketpair()
+    with reader, writer:
+        reader.setblocking(False)
+        writer.setblocking(False)
+        before = {s: signal.signal(s, lambda *_: None) for s in (signal.SIGTERM, signal.SIGINT)}
+        old_fd = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
+        try:
+            yield reader.fileno()
+        finally:
+            signal.set_wakeup_fd(old_fd)
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+def _notify(text: str) -> None:
+    """Tell the supervisor, by systemd's sd_notify protocol; nothing happens without one."""
+    address = os.environ.get("NOTIFY_SOCKET")
+    if not address:
+        return
+    with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as client:
+        client.setblocking(False)
+        client.sendto(text.encode(), address)
+
+
+def prepare_process() -> None:
+    """Set up logging, and die with the supervisor when there is one: a killed parent must leave no orphans."""
+    logging.basicConfig(stream=sys.stderr, level=logging.INFO, format="%(asctime)s %(name)s: %(message)s")
+    faulthandler.enable()
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # while the bus waits for the hub, Ctrl-C must end it
+    if os.environ.get("STARBOARD_SUPERVISED"):
+        pr_set_pdeathsig = 1
+        ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGTERM)
+        if os.getppid() == 1:
+            sys.exit("the supervisor is gone")
