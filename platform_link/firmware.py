@@ -1,0 +1,82 @@
+"""The program of the platform's microcontroller: commands in, telemetry out, thrusters off in silence.
+
+A class without clock or port: the simulator runs it at the far end of a pseudo-terminal, tests at that of a queue.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from platform_link.protocol import Command, Decoder, Telemetry, encode
+
+TELEMETRY_PERIOD_S = 0.05
+
+
+class Firmware:
+    """The platform's program.
+
+    `actuators`: names in the order of the channels. Without a valid command for `dead_man_s` all commands are zero.
+    """
+
+    def __init__(self, actuators: Sequence[str], dead_man_s: float = 0.35) -> None:
+        self.actuators = tuple(actuators)
+        self.dead_man_s = dead_man_s
+        self.battery_v: float | None = None
+        self.refused = 0
+        """Intact commands with a wrong number of channels."""
+        self._decoder = Decoder()
+        self._zeros = (0.0,) * len(self.actuators)
+        self._commands = self._zeros
+        self._commanded_s: float | None = None
+        self._echo_us = 0
+        self._seq = 0
+        self._told_s: float | None = None
+
+    @property
+    def crc_errors(self) -> int:
+        """Damaged frames received so far."""
+        return self._decoder.crc_errors
+
+    def feed(self, data: bytes, now_s: float) -> bytes:
+        """Take in received bytes; return the bytes to send: one telemetry frame for each valid command."""
+        return b"".join([self._obey(m, now_s) for m in self._decoder.feed(data) if isinstance(m, Command)])
+
+    def commands(self, now_s: float) -> dict[str, float]:
+        """Return the command that each actuator runs, in its own unit."""
+        return dict(zip(self.actuators, self._in_force(now_s), strict=True))
+
+    def poll(self, now_s: float) -> bytes:
+        """Return a telemetry frame when none was sent for 0.05 s, otherwise nothing."""
+        if self._told_s is not None and now_s - self._told_s < TELEMETRY_PERIOD_S - 1e-6:
+            return b""
+        return self._telemetry(now_s, answer=False)
+
+    def dead_man(self, now_s: float) -> bool:
+        """Return whether the actuators stand still for want of commands."""
+        return self._commanded_s is None or now_s - self._commanded_s > self.dead_man_s
+
+    def _obey(self, command: Command, now_s: float) -> bytes:
+        if len(command.commands) != len(self.actuators):
+            self.refused += 1
+            return b""
+        self._commands, self._commanded_s, self._echo_us = command.commands, now_s, command.time_us
+        return self._telemetry(now_s, answer=True)
+
+    def _in_force(self, now_s: float) -> tuple[float, ...]:
+        return self._zeros if self.dead_man(now_s) else self._commands
+
+    def _telemetry(self, now_s: float, *, answer: bool) -> bytes:
+        self._told_s = now_s
+        self._seq += 1
+        return encode(
+            Telemetry(
+                seq=self._seq & 0xFFFF,
+                echo_us=self._echo_us,
+                answer=answer,
+                dead_man=self.dead_man(now_s),
+                commands=self._in_force(now_s),
+                battery_v=self.battery_v,
+                crc_errors=self.crc_errors,
+                refused=self.refused,
+            )
+        )

@@ -1,0 +1,147 @@
+"""The serial protocol between shore and platform, both directions; described in docs/link-protocol.md.
+
+On the wire: `00 | COBS(body | CRC-32 of body) | 00`. COBS leaves no zero inside a frame, so that a receiver is in step
+again at the next zero, whatever came before; the leading zero ends any noise on the line, and a damaged delimiter
+spoils one frame only. CRC-32 (IEEE 802.3, as zlib) rather than CRC-16, because a bit flipped in a COBS code byte
+becomes several wrong bits of the body, for which a check sum of 16 bits promises only 2^-16.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Sequence
+from typing import NamedTuple
+
+VERSION = 1
+MAX_CHANNELS = 64
+COMMANDS_PER_UNIT = 100
+"""Commands travel as int16 in hundredths of the actuator's unit: +-327.67 in steps of 0.01."""
+
+_COMMAND, _TELEMETRY = 1, 2
+_HEADER = struct.Struct("<BBHIB")  # version, type, sequence, time or echo in us, number of channels
+_STATE = struct.Struct("<BHHH")  # flags, battery in mV, CRC errors, refused commands
+_CRC = struct.Struct("<I")
+_DEAD_MAN, _ANSWER = 1, 2
+_NO_BATTERY = 0xFFFF
+_MAX_ENCODED = 254  # longest chunk for which COBS needs no code 0xFF
+
+
+class Command(NamedTuple):
+    """Shore to platform: one value per actuator, in the order of the vessel file and in the actuator's unit."""
+
+    seq: int
+    time_us: int
+    """Time of sending, modulo 2^32; the answer echoes it."""
+    commands: tuple[float, ...]
+
+
+class Telemetry(NamedTuple):
+    """Platform to shore: what the motor drivers run, and how the platform fares."""
+
+    seq: int
+    echo_us: int
+    """`time_us` of the command that came last."""
+    answer: bool
+    """Whether this answers a command at once: only then does `echo_us` measure a round trip."""
+    dead_man: bool
+    """Whether the platform has stopped its actuators for want of commands."""
+    commands: tuple[float, ...]
+    battery_v: float | None
+    crc_errors: int
+    """Damaged frames since the platform was switched on, modulo 2^16."""
+    refused: int
+    """Commands refused for a wrong number of channels, modulo 2^16."""
+
+
+def encode(message: Command | Telemetry) -> bytes:
+    """Return a message as bytes for the wire; commands beyond int16 are clamped.
+
+    Raises ValueError when there are more than `MAX_CHANNELS` commands.
+    """
+    if len(message.commands) > MAX_CHANNELS:
+        raise ValueError(f"{len(message.commands)} channels; the protocol carries {MAX_CHANNELS}")
+    if isinstance(message, Command):
+        body = _header(_COMMAND, message.seq, message.time_us, message.commands)
+    else:
+        flags = message.dead_man * _DEAD_MAN | message.answer * _ANSWER
+        battery = _NO_BATTERY if message.battery_v is None else min(max(round(1e3 * message.battery_v), 0), 0xFFFE)
+        body = _header(_TELEMETRY, message.seq, message.echo_us, message.commands) + _STATE.pack(
+            flags, battery, message.crc_errors & 0xFFFF, message.refused & 0xFFFF
+        )
+    return b"\0" + _cobs(body + _CRC.pack(zlib.crc32(body))) + b"\0"
+
+
+def _header(kind: int, seq: int, time_us: int, commands: Sequence[float]) -> bytes:
+    scaled = [min(max(round(c * COMMANDS_PER_UNIT), -32767), 32767) for c in commands]
+    count = len(scaled)
+    return _HEADER.pack(VERSION, kind, seq & 0xFFFF, time_us & 0xFFFFFFFF, count) + struct.pack(f"<{count}h", *scaled)
+
+
+class Decoder:
+    """Bytes in, messages out; in step again by itself after damage."""
+
+    def __init__(self) -> None:
+        self.crc_errors = 0
+        """Pieces between two delimiters that were no intact frame: flipped bits, lost bytes, noise."""
+        self.discarded_bytes = 0
+        self.unknown = 0
+        """Intact frames of another version or type."""
+        self._buffer = bytearray()
+
+    def feed(self, data: bytes) -> list[Command | Telemetry]:
+        """Return the messages that these bytes complete, oldest first."""
+        if not data:
+            return []
+        self._buffer += data
+        *chunks, rest = self._buffer.split(b"\0")
+        self._buffer = rest
+        messages = [message for chunk in chunks if chunk and (message := self._message(bytes(chunk))) is not None]
+        if len(rest) > _MAX_ENCODED:  # noise: keep just enough of it to count it once, at its end
+            self.discarded_bytes += len(rest) - _MAX_ENCODED - 1
+            del rest[_MAX_ENCODED + 1 :]
+        return messages
+
+    def _message(self, chunk: bytes) -> Command | Telemetry | None:
+        content = _uncobs(chunk)
+        body = content[: -_CRC.size]
+        if len(body) < _HEADER.size or _CRC.pack(zlib.crc32(body)) != content[-_CRC.size :]:
+            self.crc_errors += 1
+            self.discarded_bytes += len(chunk)
+            return None
+        message = _parse(body)
+        self.unknown += message is None
+        return message
+
+
+def _parse(body: bytes) -> Command | Telemetry | None:
+    version, kind, seq, time_us, count = _HEADER.unpack_from(body)
+    end = _HEADER.size + 2 * count
+    length = end + (_STATE.size if kind == _TELEMETRY else 0)
+    if version != VERSION or kind not in (_COMMAND, _TELEMETRY) or len(body) != length:
+        return None
+    commands = tuple(c / COMMANDS_PER_UNIT for c in struct.unpack_from(f"<{count}h", body, _HEADER.size))
+    if kind == _COMMAND:
+        return Command(seq, time_us, commands)
+    flags, battery, crc_errors, refused = _STATE.unpack_from(body, end)
+    battery_v = None if battery == _NO_BATTERY else battery * 1e-3
+    return Telemetry(
+        seq, time_us, bool(flags & _ANSWER), bool(flags & _DEAD_MAN), commands, battery_v, crc_errors, refused
+    )
+
+
+def _cobs(content: bytes) -> bytes:
+    """Return content without its zeros: each stretch up to one gets its length + 1 in front (Cheshire, Baker 1999)."""
+    return b"".join(bytes((len(part) + 1,)) + part for part in content.split(b"\0"))
+
+
+def _uncobs(chunk: bytes) -> bytes:
+    """Return the content of a chunk, empty when its code bytes do not add up."""
+    if len(chunk) > _MAX_ENCODED:
+        return b""
+    parts, begin = [], 0
+    while begin < len(chunk):
+        end = begin + chunk[begin]
+        parts.append(chunk[begin + 1 : end])
+        begin = end
+    return b"\0".join(parts) if begin == len(chunk) else b""
