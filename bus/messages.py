@@ -280,7 +280,8 @@ class LinkStatus(Message):
     lost: Count = Field(0, description="gaps in the platform's sequence")
     crc_errors: Count = Field(0, description="frames from the platform with a wrong check sum")
     platform_crc_errors: Count = Field(0, description="frames the platform refused, as it reports")
-    rate_hz: float = 0.0
+    rejected: Count = Field(0, description="commands clamped to the limits, or refused: not for these actuators")
+    rate_hz: float = Field(0.0, description="telemetry received")
     round_trip_s: float | None = None
     command_age_s: float | None = Field(None, description="age of the command that was sent last")
 
