@@ -174,16 +174,19 @@ class HelmWrench(Wrench):
 
 
 class ControlStatus(Message):
-    """What the controller does: the law, its errors in {E} and its integral action as acceleration in {E}."""
+    """What the controller does: the law, its errors in {E}, and what it holds besides damping as force in {E}.
+
+    At rest `integral_*` is the force against the disturbance.
+    """
 
     law: Name
     in_charge: bool
     error_x_m: float | None = None
     error_y_m: float | None = None
     error_psi_rad: float | None = None
-    integral_x_m_s: float | None = Field(None, description="integral of the position error, times 1/a3: m/s^2 * s")
-    integral_y_m_s: float | None = None
-    integral_psi_rad_s: float | None = None
+    integral_x_n: float | None = Field(None, description="K_I int e - K_P eta, in {E}")
+    integral_y_n: float | None = None
+    integral_yaw_nm: float | None = None
     saturated: bool = False
 
 
