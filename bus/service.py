@@ -186,6 +186,8 @@ class Service:
     """`step` runs at the latest every 1 / rate_hz, and at once when an input that wakes has something."""
     ports: ClassVar[dict[str, Port]] = {}
     log: logging.Logger
+    note: Text = ""
+    """Last thing worth telling, such as a port that is taken; shown in the heartbeat."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

@@ -101,7 +101,7 @@ class Stepper:
                 step_max_ms=1e3 * self._longest_s,
                 malformed=sum(port.malformed for port in self._inputs),
                 gaps=sum(port.gaps for port in self._inputs) + sum(port.dropped for port in self._raw_inputs),
-                note=self._note,
+                note=self.service.note or self._note,
             )
         )
         self._beat_ns, self._steps, self._busy_s, self._longest_s = now_ns, 0, 0.0, 0.0
