@@ -1,0 +1,151 @@
+"""The one list of processes, and how a configuration file becomes a service."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import os
+import typing
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from bus.config import ConfigError, Deployment, Section, parse, read_toml
+from bus.hub import HubConfig
+from bus.service import Service
+from services.vessels import load_vessel, vessel_path
+
+ROOT = Path(__file__).parent.parent
+
+
+@dataclass(frozen=True)
+class Process:
+    """One entry of the catalogue. Groups with a lower priority start first and stop last."""
+
+    name: str
+    target: str
+    priority: int = 30
+    simulation_only: bool = False
+
+    @cached_property
+    def service(self) -> type[Service]:
+        """The class, imported when it is asked for."""
+        module, name = self.target.split(":")
+        return getattr(importlib.import_module(module), name)  # type: ignore[no-any-return]
+
+    @property
+    def config(self) -> type[Section] | None:
+        """The model of this process' section in a configuration file."""
+        return typing.get_type_hints(self.service.__init__).get("config")
+
+    @property
+    def doc(self) -> str:
+        """First line of the class' docstring."""
+        return (inspect.getdoc(self.service) or "").splitlines()[0]
+
+
+PROCESSES = (
+    Process("hub", "bus.hub:Hub", priority=10),
+    Process("recorder", "logs.recorder:Recorder", priority=20),
+    Process("platform_link", "platform_link.service:PlatformLink"),
+    Process("allocator", "services.allocator:Allocator"),
+    Process("helm", "services.helm:Helm"),
+    Process("controller", "services.controller:Controller"),
+    Process("estimator", "services.estimator:Estimator"),
+    Process("camera_tracker", "camera_tracker.service:CameraTracker"),
+    Process("ui", "ui.server:Page"),
+    Process("simulator", "services.simulator.service:Simulator", simulation_only=True),
+)
+
+
+def process(name: str) -> Process:
+    """Return an entry of the catalogue; raise ConfigError that lists the names."""
+    for entry in PROCESSES:
+        if entry.name == name:
+            return entry
+    raise ConfigError(f"no service is called {name!r}; known: {', '.join(p.name for p in PROCESSES)}")
+
+
+class SystemConfig(Section):
+    """Section [system]: what all processes share."""
+
+    vessel: str = "pladypos"
+    """A name in config/vessels, or the path of a vessel file."""
+    simulation: bool = False
+    """Start the simulator, as the world behind camera and serial port."""
+    recordings: Path = Path("recordings")
+    """Folder of the MCAP recordings."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """A configuration file, read and checked section by section."""
+
+    path: Path | None
+    tables: dict[str, Any]
+    system: SystemConfig
+
+    @property
+    def processes(self) -> tuple[Process, ...]:
+        """The processes that this configuration starts."""
+        return tuple(p for p in PROCESSES if self.system.simulation or not p.simulation_only)
+
+    def section(self, entry: Process) -> Section | None:
+        """Return the validated section of a process; raise ConfigError with file and key."""
+        if entry.config is None:
+            return None
+        return parse(entry.config, self.tables.get(entry.name, {}), self.path or Path("defaults"), entry.name)
+
+    def check(self) -> None:
+        """Check every section and the vessel file; raise ConfigError at the first mistake."""
+        for entry in self.processes:
+            self.section(entry)
+        load_vessel(self.system.vessel)
+
+    def deployment(self) -> Deployment:
+        """Return where this system lives."""
+        hub = parse(HubConfig, self.tables.get("hub", {}), self.path or Path("defaults"), "hub")
+        return Deployment(
+            config_path=self.path,
+            vessel_path=vessel_path(self.system.vessel),
+            run_dir=run_dir(),
+            recordings_dir=self.system.recordings.absolute(),
+            hub_endpoints=hub.listen,
+        )
+
+
+def load_settings(path: Path | None) -> Settings:
+    """Return the settings of a file (None: defaults); raise ConfigError with file, key and reason."""
+    tables = read_toml(path) if path else {}
+    where = path or Path("defaults")
+    known = ["system", *(p.name for p in PROCESSES)]
+    for name in tables:
+        if name not in known:
+            raise ConfigError(f"{where}: [{name}]: no such section; known: {', '.join(known)}")
+    system = parse(SystemConfig, tables.get("system", {}), where, "system")
+    return Settings(path.absolute() if path else None, tables, system)
+
+
+def build(entry: Process, settings: Settings) -> Service:
+    """Return a service with what its constructor asks for by name: config, vessel, deployment."""
+    wanted = inspect.signature(entry.service.__init__).parameters
+    given: dict[str, Any] = {}
+    if "config" in wanted:
+        given["config"] = settings.section(entry)
+    if "vessel" in wanted:
+        given["vessel"] = load_vessel(settings.system.vessel)
+    if "deployment" in wanted:
+        given["deployment"] = settings.deployment()
+    service: Service = entry.service(**given)
+    return service
+
+
+def run_dir() -> Path:
+    """Return the folder of this user's running system: short (sockets), in memory where the machine has that."""
+    if given := os.environ.get("STARBOARD_RUN_DIR"):
+        return Path(given)
+    if runtime := os.environ.get("XDG_RUNTIME_DIR"):
+        return Path(runtime) / "starboard"
+    base = Path("/dev/shm") if os.access("/dev/shm", os.W_OK) else Path("/tmp")
+    return base / f"starboard-{os.getuid()}"

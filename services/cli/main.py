@@ -1,0 +1,61 @@
+"""The command line `starboard`. Heavy modules are imported by the command that needs them."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+
+import typer
+
+from bus.config import ConfigError
+from services.cli.errors import CliError
+
+app = typer.Typer(
+    name="starboard",
+    help="Control system of a laboratory marine vessel: processes around one key-value bus.",
+    no_args_is_help=True,
+    add_completion=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+COMMANDS = {
+    "run": "services.cli.run:run",
+    "up": "services.cli.up:up",
+    "status": "services.cli.status:status",
+    "topics": "services.cli.variables:topics",
+    "get": "services.cli.variables:get",
+    "poke": "services.cli.variables:poke",
+    "mode": "services.cli.mode:mode",
+    "track": "services.cli.track:track",
+    "bench": "services.cli.bench:bench",
+}
+GROUPS = {"log": "services.cli.log:app"}
+
+
+def _load(target: str) -> object:
+    module, name = target.split(":")
+    return getattr(importlib.import_module(module), name)
+
+
+for _name, _target in COMMANDS.items():
+    app.command(_name)(_load(_target))  # type: ignore[type-var]
+for _name, _target in GROUPS.items():
+    app.add_typer(_load(_target), name=_name)  # type: ignore[arg-type]
+
+
+def main() -> None:
+    """Run a command; a mistake of use is one line on stderr and exit code 2."""
+    try:
+        app()
+    except (CliError, ConfigError) as error:
+        print(f"starboard: {error}", file=sys.stderr)
+        sys.exit(2)
+    except BrokenPipeError:  # `starboard topics | head`
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

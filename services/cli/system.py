@@ -1,0 +1,94 @@
+"""The running system, as `starboard up` describes it in `current.json`, and a client of its hub for tools."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from services.cli.errors import CliError
+
+if TYPE_CHECKING:
+    from bus.zenoh_bus import ZenohBus
+
+
+@dataclass(frozen=True)
+class System:
+    """Where a system can be found."""
+
+    pid: int
+    vessel: str
+    hub: tuple[str, ...]
+    page: str
+    config: Path | None
+    recordings: Path
+
+    def write(self, path: Path) -> None:
+        """Write `current.json`."""
+        values = {
+            "pid": self.pid,
+            "vessel": self.vessel,
+            "hub": list(self.hub),
+            "page": self.page,
+            "config": str(self.config) if self.config else None,
+            "recordings": str(self.recordings),
+        }
+        path.write_text(json.dumps(values, indent=2))
+
+
+def current_path() -> Path:
+    """Return the path of `current.json`."""
+    from services.catalog import run_dir
+
+    return run_dir() / "current.json"
+
+
+def running() -> System | None:
+    """Return the system that runs on this machine, None when there is none."""
+    try:
+        values = json.loads(current_path().read_text())
+        os.kill(values["pid"], 0)
+    except (OSError, ValueError, KeyError):
+        return None
+    config = Path(values["config"]) if values["config"] else None
+    return System(
+        values["pid"], values["vessel"], tuple(values["hub"]), values["page"], config, Path(values["recordings"])
+    )
+
+
+def service_states() -> list[dict[str, Any]]:
+    """Return what the supervisor last wrote of each service; empty without a running system."""
+    if running() is None:
+        return []
+    try:
+        states: list[dict[str, Any]] = json.loads(current_path().with_name("services.json").read_text())
+    except (OSError, ValueError):
+        return []
+    return states
+
+
+@contextlib.contextmanager
+def client(hub: str | None, timeout_s: float = 2.0) -> Iterator[ZenohBus]:
+    """Connect a tool to the hub of the running system, or to the one given; raise CliError when nobody answers."""
+    from bus.zenoh_bus import HubUnreachableError, ZenohBus
+    from services.catalog import load_settings
+
+    system = running()
+    if system is None and hub is None:
+        deployment = load_settings(None).deployment()
+        vessel, endpoints = load_settings(None).system.vessel, deployment.hub_endpoints
+    else:
+        vessel = system.vessel if system else load_settings(None).system.vessel
+        endpoints = (hub,) if hub else (system.hub if system else ())
+    try:
+        bus = ZenohBus.connect(vessel, endpoints, timeout_s)
+    except HubUnreachableError as error:
+        raise CliError(str(error)) from None
+    try:
+        yield bus
+    finally:
+        bus.close()

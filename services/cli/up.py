@@ -1,0 +1,61 @@
+"""`starboard up`: everything under the supervisor, in the foreground."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from services.cli.errors import CliError
+from services.cli.system import System, current_path, running
+
+DEFAULT_CONFIG = Path(__file__).parent.parent.parent / "config" / "simulation.toml"
+
+
+def up(
+    config: Annotated[
+        Path, typer.Argument(help="Configuration file: config/pool.toml for the real pool.")
+    ] = DEFAULT_CONFIG,
+) -> None:
+    """Start everything and watch it; prints the page's address. Ctrl-C stops it all."""
+    from services.catalog import load_settings
+    from services.supervision import supervise
+
+    settings = load_settings(config)
+    settings.check()
+    if (other := running()) is not None:
+        raise CliError(
+            f"a system runs already (pid {other.pid}, {other.page}): stop it with Ctrl-C there, "
+            "or set STARBOARD_RUN_DIR to start a second one"
+        )
+    deployment = settings.deployment()
+    deployment.run_dir.mkdir(mode=0o700, parents=True, exist_ok=True)
+    page = page_address(settings)
+    vessel = deployment.vessel_path.stem if deployment.vessel_path else settings.system.vessel
+    system = System(os.getpid(), vessel, deployment.hub_endpoints, page, settings.path, deployment.recordings_dir)
+    system.write(current_path())
+    print(f"Starboard: {vessel}, {config}; page: {page}  recordings: {deployment.recordings_dir}  (Ctrl-C stops)")
+    try:
+        supervise(settings.processes, deployment.run_dir, settings.path, _tell)
+    finally:
+        current_path().unlink(missing_ok=True)
+        print("Starboard: everything has stopped")
+
+
+def page_address(settings: object) -> str:
+    """Return the address of the operator's page."""
+    from services.catalog import Settings, process
+
+    assert isinstance(settings, Settings)
+    ui = settings.section(process("ui"))
+    host = getattr(ui, "host", "127.0.0.1")
+    return f"http://{host}:{getattr(ui, 'port', 8080)}/"
+
+
+def _tell(service: str, text: str) -> None:
+    print(f"{time.strftime('%H:%M:%S')}  {service:<15} {text}", flush=True)
+    sys.stdout.flush()
