@@ -1,0 +1,292 @@
+"""Coloured patches: thesis Algorithm 3.2, to a fraction of a pixel. Picture (and region) in, detections out.
+
+Steps I-III are `colour_mask`, IV its morphology, V `measure_patch` and `pose_of_pair` / `pose_of_patch`.
+Integer pixel coordinates are pixel centres. Angles in rad, from x towards y: clockwise as one sees the picture.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from camera_tracker.config import Colour
+from camera_tracker.sources import Image
+
+Mask = NDArray[np.uint8]
+
+_CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+_SQUARE = np.ones((3, 3), np.uint8)
+_DISC = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+_GOOD_CONTRAST = 60.0
+"""Grey levels between patch and surroundings from which noise no longer matters."""
+_MIN_CONTRAST = 10.0
+_MIN_SKEW = 0.1
+"""|skewness| below which an outline is as good as symmetric; a triangle has 0.57."""
+_MIN_ELONGATION = 1.15
+_SPACING_TOLERANCE = 0.3
+
+
+@dataclass(frozen=True)
+class Region:
+    """A part of a picture, in whole px: columns x0 <= x < x1, rows y0 <= y < y1."""
+
+    x0: int
+    y0: int
+    x1: int
+    y1: int
+
+    @classmethod
+    def around(cls, x_px: float, y_px: float, half_px: float, image: Image) -> Region:
+        """Return the square around a point, cut to the picture (at least one pixel of it)."""
+        height, width = image.shape[:2]
+        x0 = min(max(math.floor(x_px - half_px), 0), width - 1)
+        y0 = min(max(math.floor(y_px - half_px), 0), height - 1)
+        x1 = max(min(math.ceil(x_px + half_px) + 1, width), x0 + 1)
+        y1 = max(min(math.ceil(y_px + half_px) + 1, height), y0 + 1)
+        return cls(x0, y0, x1, y1)
+
+    def of(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return the view of a picture."""
+        return image[self.y0 : self.y1, self.x0 : self.x1]
+
+
+@dataclass(frozen=True)
+class Blob:
+    """A connected piece of a mask: centroid, area and box, in px of the picture that was masked."""
+
+    label: int
+    x_px: float
+    y_px: float
+    area_px2: float
+    box: Region
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A measured patch. `axis_rad` is the direction of its long axis towards its thin end.
+
+    elongation: ratio of the principal standard deviations, >= 1. skew: skewness along the axis, >= 0.
+    contrast: grey levels between patch and surroundings. clipped: the edge of the picture, or of what is ignored, cuts it.
+    """
+
+    x_px: float
+    y_px: float
+    area_px2: float
+    axis_rad: float
+    elongation: float
+    skew: float
+    contrast: float
+    clipped: bool
+
+
+@dataclass(frozen=True)
+class Detection:
+    """Pose of a vehicle in a picture, with quality in 0..1 and the reason when it is low."""
+
+    x_px: float
+    y_px: float
+    psi_rad: float
+    quality: float
+    reason: str
+    heading_ambiguous: bool
+    extent_px: float
+    """How far the marker reaches from its middle, about."""
+    misfit: float = 0.0
+    """How badly the patches fit together, 0 (well) to 1."""
+
+
+def colour_mask(image: Image, colour: Colour) -> Mask:
+    """Return 255 where a picture has the colour, 0 elsewhere: steps I to III."""
+    if colour.space == "hsv":
+        image = cv2.cvtColor(image, cv2.COLOR_BGR2HSV)  # type: ignore[assignment]
+        if colour.low[0] > colour.high[0]:
+            upper = cv2.inRange(image, colour.low, (179, *colour.high[1:]))
+            return _mask(cv2.bitwise_or(upper, cv2.inRange(image, (0, *colour.low[1:]), colour.high)))
+    return _mask(cv2.inRange(image, colour.low, colour.high))
+
+
+def clean(mask: Mask) -> Mask:
+    """Remove secluded pixels and fill pinholes: step IV."""
+    opened = cv2.morphologyEx(mask, cv2.MORPH_OPEN, _CROSS)
+    return _mask(cv2.morphologyEx(opened, cv2.MORPH_CLOSE, _SQUARE))
+
+
+def find_blobs(mask: Mask, min_area_px2: float) -> tuple[list[Blob], NDArray[np.int32]]:
+    """Return the connected pieces of a mask, largest first, and the picture of their labels."""
+    _, labels, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=cv2.CV_32S)
+    blobs = [
+        Blob(label, float(centres[label][0]), float(centres[label][1]), float(area), Region(x, y, x + w, y + h))
+        for label, (x, y, w, h, area) in enumerate(stats.tolist())
+        if label > 0 and area >= min_area_px2
+    ]
+    return sorted(blobs, key=lambda blob: -blob.area_px2), labels  # type: ignore[return-value]
+
+
+def find_patches(
+    image: Image, region: Region, colour: Colour, min_area_px2: float, allowed: Mask | None = None
+) -> list[Patch]:
+    """Return the patches of a colour in a region at full resolution, in px of the whole picture, largest first.
+
+    `allowed` (of the whole picture) is 0 where not to look. A patch that the region cuts off inside the picture is
+    left out: whoever chose the region looked in the wrong place.
+    """
+    view = region.of(image)
+    mask = clean(colour_mask(view, colour))
+    if allowed is not None:
+        mask = _mask(cv2.bitwise_and(mask, region.of(allowed)))
+    blobs, labels = find_blobs(mask, min_area_px2)
+    if allowed is not None:
+        labels[region.of(allowed) == 0] = -1
+    height, width = image.shape[:2]
+    patches = []
+    for blob in blobs[:8]:  # more than that is a background of this colour
+        at_edge = (blob.box.x0 == 0, blob.box.y0 == 0, blob.box.x1 == view.shape[1], blob.box.y1 == view.shape[0])
+        picture_edge = (region.x0 == 0, region.y0 == 0, region.x1 == width, region.y1 == height)
+        if any(at and not edge for at, edge in zip(at_edge, picture_edge, strict=True)):
+            continue
+        patch = measure_patch(view, labels, blob, clipped=any(at_edge))
+        if patch is not None:
+            patches.append(replace(patch, x_px=patch.x_px + region.x0, y_px=patch.y_px + region.y0))
+    return patches
+
+
+def measure_patch(image: Image, labels: NDArray[np.int32], blob: Blob, *, clipped: bool) -> Patch | None:
+    """Measure a blob to a fraction of a pixel; None when nothing distinguishes it from its surroundings.
+
+    Each pixel near the edge counts by how far its colour is on the way from the surroundings to the patch, pixels well
+    inside count 1, others (and those labelled -1) 0: a symmetric blur keeps the centroid, noise enters only through the
+    edge, and where the threshold lies does not matter. Hardly limited to 0..1: that would turn noise into area.
+    """
+    height, width = image.shape[:2]
+    b = blob.box
+    box = Region(max(b.x0 - 6, 0), max(b.y0 - 6, 0), min(b.x1 + 6, width), min(b.y1 + 6, height))
+    pixels = box.of(image).astype(np.float32)
+    label = labels[box.y0 : box.y1, box.x0 : box.x1]
+    piece = (label == blob.label).astype(np.uint8)
+    core = cv2.erode(piece, _DISC, borderType=cv2.BORDER_REPLICATE) > 0
+    near = cv2.dilate(piece, _DISC)
+    ring = (cv2.dilate(near, _DISC) > near) & (label >= 0)
+    if not core.any() or not ring.any():
+        return None
+    surroundings = np.median(pixels[ring], axis=0)
+    axis = pixels[core].mean(axis=0) - surroundings
+    contrast = float(np.linalg.norm(axis))
+    if contrast < _MIN_CONTRAST:
+        return None
+    weight = np.clip((pixels - surroundings) @ (axis / contrast**2), -0.5, 1.5)
+    weight[core] = 1.0
+    weight[(near == 0) | (label < 0)] = 0.0
+    moments = cv2.moments(weight)
+    if moments["m00"] <= 0:
+        return None
+    cut_off = clipped or bool(((near > 0) & (label < 0)).any())
+    return _patch(moments, box, contrast, cut_off)
+
+
+def _patch(m: dict[str, float], box: Region, contrast: float, clipped: bool) -> Patch:
+    """Turn the moments of a patch into centroid, axis, elongation and skewness."""
+    area = m["m00"]
+    xx, yy, xy = m["mu20"] / area, m["mu02"] / area, m["mu11"] / area
+    axis_rad = 0.5 * math.atan2(2 * xy, xx - yy)
+    spread = math.hypot(xx - yy, 2 * xy)
+    large, small = 0.5 * (xx + yy + spread), max(0.5 * (xx + yy - spread), 1e-9)
+    c, s = math.cos(axis_rad), math.sin(axis_rad)
+    third = c**3 * m["mu30"] + 3 * c * c * s * m["mu21"] + 3 * c * s * s * m["mu12"] + s**3 * m["mu03"]
+    skew = third / area / max(large, 1e-9) ** 1.5
+    if skew < 0:  # the long tail, where the outline is thin, lies the other way
+        axis_rad, skew = math.remainder(axis_rad + math.pi, math.tau), -skew
+    return Patch(
+        x_px=m["m10"] / area + box.x0,
+        y_px=m["m01"] / area + box.y0,
+        area_px2=area,
+        axis_rad=axis_rad,
+        elongation=math.sqrt(large / small),
+        skew=skew,
+        contrast=contrast,
+        clipped=clipped,
+    )
+
+
+def spacing_error(distance_px: float, spacing_px: float | None, size_px: float) -> float | None:
+    """Return how badly two patches fit together, 0 (well) to 1, or None when they cannot belong together.
+
+    Without a known spacing near ones fit best, up to three times the patches' mean size.
+    """
+    if spacing_px is None:
+        error = distance_px / (3.0 * size_px)
+    else:
+        error = abs(distance_px / spacing_px - 1.0) / _SPACING_TOLERANCE
+    return error if error <= 1.0 else None
+
+
+def pose_of_pair(
+    front: Patch, rear: Patch, *, spacing_px: float | None, area_px2: float | None, heading_rad: float
+) -> Detection | None:
+    """Return the pose of two patches, or None when they do not fit together: step V."""
+    dx, dy = front.x_px - rear.x_px, front.y_px - rear.y_px
+    distance = math.hypot(dx, dy)
+    size = 0.5 * (math.sqrt(front.area_px2) + math.sqrt(rear.area_px2))
+    error = spacing_error(distance, spacing_px, size)
+    if error is None or distance < 1e-6:
+        return None
+    checks = _checks([front, rear], area_px2)
+    if spacing_px is not None:
+        checks.append((1.0 - error, "the patches are not as far apart as they should be"))
+    quality, reason = _worst(checks)
+    return Detection(
+        x_px=0.5 * (front.x_px + rear.x_px),
+        y_px=0.5 * (front.y_px + rear.y_px),
+        psi_rad=wrap(math.atan2(dy, dx) + heading_rad),
+        quality=quality,
+        reason=reason,
+        heading_ambiguous=False,
+        extent_px=0.5 * distance + size,
+        misfit=error,
+    )
+
+
+def pose_of_patch(patch: Patch, *, area_px2: float | None, heading_rad: float) -> Detection:
+    """Return the pose of one patch: heading along its long axis to its thin end, ambiguous when both are alike."""
+    ambiguous = patch.skew < _MIN_SKEW or patch.elongation < _MIN_ELONGATION
+    checks = _checks([patch], area_px2)
+    if ambiguous:
+        checks.append((0.5, "the patch has no distinct front and back"))
+    quality, reason = _worst(checks)
+    return Detection(
+        x_px=patch.x_px,
+        y_px=patch.y_px,
+        psi_rad=wrap(patch.axis_rad + heading_rad),
+        quality=quality,
+        reason=reason,
+        heading_ambiguous=ambiguous,
+        extent_px=math.sqrt(patch.area_px2) * patch.elongation,
+    )
+
+
+def _checks(patches: list[Patch], area_px2: float | None) -> list[tuple[float, str]]:
+    checks = [(min(1.0, p.contrast / _GOOD_CONTRAST), "low contrast") for p in patches]
+    checks += [(0.3, "clipped at the edge of the picture") for p in patches if p.clipped]
+    if area_px2 is not None:
+        ratios = [p.area_px2 / area_px2 for p in patches]
+        checks += [(min(r, 1.0 / r), f"a patch has {r:.0%} of the area it should have") for r in ratios]
+    return checks
+
+
+def _worst(checks: list[tuple[float, str]]) -> tuple[float, str]:
+    quality, reason = min(checks)
+    return quality, reason if quality < 0.8 else ""
+
+
+def wrap(angle_rad: float) -> float:
+    """Return an angle in (-pi, pi]."""
+    wrapped = math.remainder(angle_rad, math.tau)
+    return math.pi if wrapped == -math.pi else wrapped
+
+
+def _mask(image: Any) -> Mask:
+    return image  # type: ignore[no-any-return]
