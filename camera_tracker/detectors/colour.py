@@ -71,7 +71,7 @@ class Patch:
     """A measured patch. `axis_rad` is the direction of its long axis towards its thin end.
 
     elongation: ratio of the principal standard deviations, >= 1. skew: skewness along the axis, >= 0.
-    contrast: grey levels between patch and surroundings. clipped: the edge of the picture, or of what is ignored, cuts it.
+    contrast: grey levels between patch and surroundings. clipped: the edge of the picture, or what is ignored, cuts it.
     """
 
     x_px: float

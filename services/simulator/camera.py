@@ -1,0 +1,168 @@
+"""The overhead camera as the simulator draws it: water, glare, the vessel with its marker, blur and noise.
+
+Everything costly is made once: the water, the vessel at four times the resolution with the blur already in it, and the
+noise as two tiles (what to add, what to subtract) of which each frame takes a cut at a random place.
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from camera_tracker import marker
+from camera_tracker.sources import Image
+from marine.vessel import Vessel
+
+_FINE = 4
+"""Sprite px per picture px. Sampling the blurred sprite between its px then errs by less than 0.01 px."""
+_MARGIN = 64
+"""Water and noise reach this far beyond the picture, so that they can be shifted."""
+_WATER_BGR = (122.0, 98.0, 42.0)
+_HULL_BGR = (168.0, 166.0, 160.0)
+_POD_BGR = (92.0, 84.0, 78.0)
+_GLARES = 5
+
+_Float = NDArray[np.float32]
+
+
+class Renderer:
+    """Draws a vessel in its pool.
+
+    noise_std: of each channel of each px, in grey levels. blur_px: standard deviation of the optics' blur.
+    Two renderers with the same arguments draw the same sequence.
+    """
+
+    def __init__(self, vessel: Vessel, seed: int = 0, noise_std: float = 6.0, blur_px: float = 1.0) -> None:
+        camera = vessel.camera
+        self._scale = camera.scale_px_per_m
+        self._width, self._height = camera.width_px, camera.height_px
+        self._random = np.random.default_rng(seed)
+        self._image = np.zeros((self._height, self._width, 3), np.uint8)
+        self._water = self._make_water()
+        self._more, self._less = self._make_noise(noise_std)
+        self._glare = _make_glare(radius_px=22)
+        self._glare_paths = self._random.uniform(0.0, math.tau, (_GLARES, 4))
+        self._reach_m = vessel.radius_m + 4.0 * blur_px / self._scale
+        self._sprite = _make_sprite(vessel, self._reach_m, blur_px)
+        self._frames = 0
+
+    def render(
+        self,
+        x_m: float,
+        y_m: float,
+        psi_rad: float,
+        *,
+        shift_px: tuple[float, float] = (0.0, 0.0),
+        black: bool = False,
+    ) -> Image:
+        """Return the next frame (height, width, 3) BGR of a vessel at (x_m, y_m, psi_rad) in {E}.
+
+        The buffer is used again by the next call. `shift_px`: how far everything is moved in the picture, as if the
+        camera had been knocked (water at most 64 px); `black`: the lens is covered.
+        """
+        self._frames += 1
+        cut_x, cut_y = (int(v) for v in self._random.integers(0, 2 * _MARGIN, 2))
+        if black:
+            self._image[:] = 0
+            return self._image
+        left, top = (_MARGIN - round(min(max(v, -_MARGIN), _MARGIN)) for v in shift_px)
+        np.copyto(self._image, self._cut(self._water, left, top))
+        self._draw_glare()
+        self._draw_vessel(x_m * self._scale - 0.5 + shift_px[0], y_m * self._scale - 0.5 + shift_px[1], psi_rad)
+        cv2.add(self._image, self._cut(self._more, cut_x, cut_y), dst=self._image)
+        cv2.subtract(self._image, self._cut(self._less, cut_x, cut_y), dst=self._image)
+        return self._image
+
+    def _cut(self, tile: Image, left: int, top: int) -> Image:
+        return tile[top : top + self._height, left : left + self._width]
+
+    def _draw_glare(self) -> None:
+        """Add reflections of lamps, which wander with the waves."""
+        size = self._glare.shape[0]
+        for a, b, c, d in self._glare_paths:
+            time = 0.02 * self._frames
+            x = (self._width - size) * (0.5 + 0.5 * math.sin(a + 0.1 * math.sin(b + time)))
+            y = (self._height - size) * (0.5 + 0.5 * math.sin(c + 0.1 * math.sin(d + 1.3 * time)))
+            spot = self._image[int(y) : int(y) + size, int(x) : int(x) + size]
+            cv2.add(spot, self._glare[: spot.shape[0], : spot.shape[1]], dst=spot)
+
+    def _draw_vessel(self, x_px: float, y_px: float, psi_rad: float) -> None:
+        """Blend the sprite over the part of the picture that it covers, with its origin at (x_px, y_px)."""
+        reach = self._reach_m * self._scale + 1.0
+        x0, x1 = max(math.floor(x_px - reach), 0), min(math.ceil(x_px + reach) + 1, self._width)
+        y0, y1 = max(math.floor(y_px - reach), 0), min(math.ceil(y_px + reach) + 1, self._height)
+        if x0 >= x1 or y0 >= y1:
+            return
+        c, s = _FINE * math.cos(psi_rad), _FINE * math.sin(psi_rad)
+        middle = 0.5 * (self._sprite.shape[0] - 1)
+        dx, dy = x0 - x_px, y0 - y_px
+        picture_to_sprite = np.array([[c, s, middle + c * dx + s * dy], [-s, c, middle - s * dx + c * dy]])
+        sprite = cv2.warpAffine(
+            self._sprite, picture_to_sprite, (x1 - x0, y1 - y0), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        )
+        part = self._image[y0:y1, x0:x1]
+        part[:] = (part * sprite[..., 3:] + sprite[..., :3] + 0.5).astype(np.uint8)
+
+    def _make_water(self) -> Image:
+        """Return water with waves of several lengths, larger than the picture by the margin."""
+        shape = (self._height + 2 * _MARGIN, self._width + 2 * _MARGIN)
+        light = np.zeros(shape, np.float32)
+        for length_px, height in ((3.0, 3.0), (9.0, 5.0), (60.0, 9.0)):
+            waves = self._random.standard_normal(shape, np.float32)
+            waves = cv2.GaussianBlur(waves, (0, 0), length_px).astype(np.float32)
+            light += height * waves / waves.std()
+        colours = np.asarray(_WATER_BGR, np.float32) * (1.0 + 0.01 * light[..., None])
+        return np.clip(colours, 0, 255).astype(np.uint8)
+
+    def _make_noise(self, std: float) -> tuple[Image, Image]:
+        shape = (self._height + 2 * _MARGIN, self._width + 2 * _MARGIN, 3)
+        noise = np.rint(std * self._random.standard_normal(shape, np.float32))
+        return np.clip(noise, 0, 255).astype(np.uint8), np.clip(-noise, 0, 255).astype(np.uint8)
+
+
+def _make_glare(radius_px: int) -> Image:
+    across = np.arange(-radius_px, radius_px + 1, dtype=np.float32) / (0.4 * radius_px)
+    bell = np.exp(-0.5 * (across[:, None] ** 2 * 3.0 + across[None, :] ** 2))  # longer than high, as on waves
+    return np.repeat((170.0 * bell)[..., None], 3, axis=2).astype(np.uint8)
+
+
+def _make_sprite(vessel: Vessel, reach_m: float, blur_px: float) -> _Float:
+    """Return the vessel seen from above, x to the right: colours times cover, and 1 - cover as fourth channel."""
+    fine_per_m = _FINE * vessel.camera.scale_px_per_m
+    half = math.ceil(reach_m * fine_per_m)
+    metres = np.arange(-half, half + 1, dtype=np.float32) / fine_per_m
+    x, y = metres[None, :], metres[:, None]
+
+    def cover(inside_m: _Float) -> _Float:
+        """Return how much of each px is inside, from the distance to the edge: keeps centroids exact."""
+        return np.asarray(np.clip(inside_m * fine_per_m + 0.5, 0.0, 1.0), np.float32)
+
+    def disc(x_m: float, y_m: float, radius_m: float) -> _Float:
+        return cover(np.asarray(radius_m - np.hypot(x - x_m, y - y_m), np.float32))
+
+    def rectangle(x_m: float, length_m: float, width_m: float) -> _Float:
+        return cover(0.5 * length_m - np.abs(x - x_m)) * cover(0.5 * width_m - np.abs(y))
+
+    sprite = np.zeros((2 * half + 1, 2 * half + 1, 4), np.float32)
+    sprite[..., 3] = 1.0
+    x_patch = 0.5 * marker.SPACING_M
+    length, width = marker.PATCH_LENGTH_M, marker.PATCH_WIDTH_M
+    layers: list[tuple[_Float, tuple[float, ...]]] = [(disc(0.0, 0.0, vessel.radius_m), _HULL_BGR)]
+    layers += [(disc(t.x_m, t.y_m, 0.15 * vessel.radius_m), _POD_BGR) for t in vessel.thrusters]
+    layers += [
+        (rectangle(0.0, marker.PLATE_LENGTH_M, marker.PLATE_WIDTH_M), marker.PLATE_BGR),
+        (rectangle(x_patch, length, width), marker.FRONT_BGR),
+        (rectangle(-x_patch, length, width), marker.REAR_BGR),
+    ]
+    for part, colour in layers:
+        sprite *= 1.0 - part[..., None]
+        sprite[..., :3] += part[..., None] * np.asarray(colour, np.float32)
+    if blur_px > 0:
+        outside = (0.0, 0.0, 0.0, 1.0)
+        padded = cv2.copyMakeBorder(sprite, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=outside)
+        blurred = cv2.GaussianBlur(padded, (0, 0), blur_px * _FINE, borderType=cv2.BORDER_REPLICATE)
+        return np.ascontiguousarray(blurred[1:-1, 1:-1], np.float32)
+    return sprite
