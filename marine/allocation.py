@@ -27,7 +27,7 @@ REGULARISATION = 1e-4
 
 _EQUALITY = 5  # daqp's sense of a constraint
 _TOLERANCE = 1e-11
-_ENDLESS = 1e3  # times what the limits allow: a larger demand is cut here, where the answer has long stopped changing
+_ENDLESS = 1e3  # times the reach: larger demands are cut here, where the answer has long stopped changing
 
 
 def allocation_matrix(thrusters: Sequence[Thruster]) -> Array:
@@ -59,9 +59,10 @@ class Allocation:
             raise ValueError("limits of an actuator must enclose zero, and one of them differ from it")
         scale = self.thrust_scale
         reach = np.abs(B) @ scale
-        self._largest: list[float] = (_ENDLESS * reach).tolist()
-        reach[reach < 1e-9 * reach.max()] = np.inf  # nothing acts on this axis: its demand has no weight
-        self.weights = np.array([1.0, 1.0, yaw_priority]) / reach
+        reach[reach < 1e-9 * reach.max()] = 0.0  # nothing acts on this axis
+        self.reach: Vector3 = tuple(reach.tolist())
+        """What all actuators together could do on each axis, N and Nm; 0.0 where none acts."""
+        self.weights = np.divide([1.0, 1.0, yaw_priority], reach, out=np.zeros(3), where=reach > 0.0)
         self._B: list[list[float]] = B.tolist()
         A = self.weights[:, None] * B * scale
         self.preferred = np.linalg.pinv(B * scale)  # 3 columns: t0 / T of a unit demand
@@ -74,7 +75,7 @@ class Allocation:
 
     def solve(self, X: float, Y: float, N: float) -> list[float]:
         """Return the thrust of each actuator in N for a demanded wrench in N and Nm."""
-        demand = [max(-limit, min(limit, part)) for limit, part in zip(self._largest, (X, Y, N), strict=True)]
+        demand = [max(-_ENDLESS * r, min(_ENDLESS * r, d)) for r, d in zip(self.reach, (X, Y, N), strict=True)]
         self._solver.update(f=self._linear @ demand)
         part, _, exit_flag, _ = self._solver.solve()
         if exit_flag < 1:

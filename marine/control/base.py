@@ -20,6 +20,7 @@ class ControlLaw(ABC):
 
     error: Vector3 = ZERO
     """Reference less eta at the last step, m and rad, the angle in (-pi, pi]."""
+
     @property
     @abstractmethod
     def action(self) -> Vector3:

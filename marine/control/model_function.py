@@ -13,6 +13,8 @@ def bessel(order: int, w0_rad_s: float) -> tuple[float, ...]:
     polynomial, with s scaled so that the first and the last are equal. ai in s^i.
     """
     n = order
-    theta = [math.factorial(2 * n - k) // (2 ** (n - k) * math.factorial(k) * math.factorial(n - k)) for k in range(n + 1)]
+    theta = [
+        math.factorial(2 * n - k) // (2 ** (n - k) * math.factorial(k) * math.factorial(n - k)) for k in range(n + 1)
+    ]
     s = theta[0] ** (1.0 / n) / w0_rad_s
     return tuple(theta[k] / theta[0] * s**k for k in range(1, n + 1))
