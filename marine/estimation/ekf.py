@@ -1,0 +1,166 @@
+"""Extended Kalman filter of pose, velocity and disturbance from measured poses.
+
+State [x y psi u v r d_x d_y d_n]: eta in {E}, nu in {B}, a disturbance force in {E} and a disturbance moment. Model:
+`marine.dynamics.uncoupled` (thesis (2.33)) with the known wrench; velocities and disturbances are disturbed by white
+noise, the disturbances being random walks otherwise. Measurement: the pose, thesis 3.5.2.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from marine.dynamics.integrate import State
+from marine.dynamics.uncoupled import Tau, UncoupledModel
+from marine.frames import wrap_angle
+from marine.vessel import DegreeOfFreedom, HorizontalModel
+
+Array = NDArray[np.float64]
+
+MAX_SPEED_M_S = 1.0
+MAX_YAW_RATE_RAD_S = 4.0
+"""No vessel in the pool moves faster: poses that differ by more are not of one vessel."""
+
+
+@dataclass(frozen=True)
+class EkfTuning:
+    """Standard deviations. `_walk`: of the change within one second (times sqrt(dt) for other times)."""
+
+    position_m: float = 0.00125
+    heading_rad: float = 0.003
+    velocity_walk_m_s: float = 0.004
+    yaw_rate_walk_rad_s: float = 0.02
+    force_walk_n: float = 0.06
+    moment_walk_nm: float = 0.006
+    initial_velocity_m_s: float = 0.2
+    initial_yaw_rate_rad_s: float = 0.6
+    initial_force_n: float = 0.3
+    initial_moment_nm: float = 0.03
+    gate: float = 25.0
+    """Largest squared Mahalanobis distance of an innovation: of the good ones 0.1 % are over 16.3."""
+    jump_after: int = 5
+    """So many refused poses in a row that agree with each other are believed: the vessel or the camera was moved."""
+
+
+class Verdict(Enum):
+    """What the filter made of a measurement."""
+
+    USED = "used"
+    REFUSED = "refused"
+    JUMPED = "jumped"
+
+
+class PoseEkf:
+    """The filter at one moment. Arrays are replaced, not changed: `copy.copy` gives an independent filter."""
+
+    def __init__(self, model: HorizontalModel, tuning: EkfTuning, x_m: float, y_m: float, psi_rad: float) -> None:
+        self.tuning = t = tuning
+        self.state: State = (x_m, y_m, wrap_angle(psi_rad), 0.0, 0.0, 0.0)
+        self.disturbance: Tau = (0.0, 0.0, 0.0)
+        """[N N Nm] in {E}."""
+        self._noise = np.array([t.position_m**2, t.position_m**2, t.heading_rad**2])
+        self._loose = np.array([t.initial_velocity_m_s**2, t.initial_velocity_m_s**2, t.initial_yaw_rate_rad_s**2])
+        disturbance = [t.initial_force_n**2, t.initial_force_n**2, t.initial_moment_nm**2]
+        self.covariance: Array = np.diag([*self._noise, *self._loose, *disturbance])
+        """(9, 9), in the order and the units of the state."""
+        walks = [t.velocity_walk_m_s] * 2 + [t.yaw_rate_walk_rad_s] + [t.force_walk_n] * 2 + [t.moment_walk_nm]
+        self._walk = np.diag([0.0] * 3 + [w * w for w in walks])
+        self._dynamics = UncoupledModel(model)
+        self._suspect: tuple[float, float, float] | None = None
+        self._suspects = 0
+        self._suspect_age_s = 0.0
+
+    def predict(self, dt_s: float, tau: Tau) -> None:
+        """Go forward by dt_s (at most some 0.1 s) with the wrench tau in {B}."""
+        before = self.state
+        x, y, psi, u, v, r = after = self._dynamics.step(before, dt_s, tau, disturbance=self.disturbance)
+        middle = (x, y, 0.5 * (before[2] + psi), 0.5 * (before[3] + u), 0.5 * (before[4] + v), 0.5 * (before[5] + r))
+        F = self._jacobian(middle, dt_s)
+        self.state = (x, y, wrap_angle(psi), u, v, after[5])
+        self.covariance = F @ self.covariance @ F.T + self._walk * dt_s
+        self._suspect_age_s += dt_s
+
+    def _jacobian(self, state: State, dt_s: float) -> Array:
+        """Return I + A dt, A being the derivative of the model by the state."""
+        _, _, psi, u, v, r = state
+        d_x, d_y, _ = self.disturbance
+        surge, sway, yaw = self._dynamics.model.surge, self._dynamics.model.sway, self._dynamics.model.yaw
+        c, s = dt_s * math.cos(psi), dt_s * math.sin(psi)
+        return np.array(
+            [
+                [1.0, 0.0, -s * u - c * v, c, -s, 0.0, 0.0, 0.0, 0.0],
+                [0.0, 1.0, c * u - s * v, s, c, 0.0, 0.0, 0.0, 0.0],
+                [0.0, 0.0, 1.0, 0.0, 0.0, dt_s, 0.0, 0.0, 0.0],
+                [
+                    *(0.0, 0.0, (c * d_y - s * d_x) / surge.alpha),
+                    *(_decay(surge, u, dt_s), 0.0, 0.0, c / surge.alpha, s / surge.alpha, 0.0),
+                ],
+                [
+                    *(0.0, 0.0, (-s * d_y - c * d_x) / sway.alpha),
+                    *(0.0, _decay(sway, v, dt_s), 0.0, -s / sway.alpha, c / sway.alpha, 0.0),
+                ],
+                [0.0, 0.0, 0.0, 0.0, 0.0, _decay(yaw, r, dt_s), 0.0, 0.0, dt_s / yaw.alpha],
+                [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0],
+                [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0],
+                [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0],
+            ]
+        )
+
+    def update(self, x_m: float, y_m: float, psi_rad: float) -> Verdict:
+        """Take in a pose measured at the filter's time, unless the gate refuses it."""
+        x, y, psi, *_ = self.state
+        P = self.covariance
+        innovation = np.array([x_m - x, y_m - y, wrap_angle(psi_rad - psi)])
+        S = P[:3, :3].copy()
+        S.flat[::4] += self._noise
+        S_inverse = np.linalg.inv(S)
+        if not float(innovation @ S_inverse @ innovation) <= self.tuning.gate:  # not a number is refused, too
+            return self._suspected(x_m, y_m, psi_rad)
+        self._suspects = 0
+        K = P[:, :3] @ S_inverse
+        dx, dy, dpsi, du, dv, dr, dd_x, dd_y, dd_n = (K @ innovation).tolist()
+        _, _, _, u, v, r = self.state
+        d_x, d_y, d_n = self.disturbance
+        self.state = (x + dx, y + dy, wrap_angle(psi + dpsi), u + du, v + dv, r + dr)
+        self.disturbance = (d_x + dd_x, d_y + dd_y, d_n + dd_n)
+        # Joseph's form stays positive where P - K H P may not.
+        rest = np.eye(9)
+        rest[:, :3] -= K
+        P = rest @ P @ rest.T + (K * self._noise) @ K.T
+        self.covariance = 0.5 * (P + P.T)
+        return Verdict.USED
+
+    def _suspected(self, x_m: float, y_m: float, psi_rad: float) -> Verdict:
+        before, self._suspect = self._suspect, (x_m, y_m, psi_rad)
+        age_s, self._suspect_age_s = self._suspect_age_s, 0.0
+        agrees = self._suspects > 0 and before is not None and self._one_vessel(before, self._suspect, age_s)
+        self._suspects = self._suspects + 1 if agrees else 1
+        if self._suspects < self.tuning.jump_after:
+            return Verdict.REFUSED
+        self._suspects = 0
+        _, _, _, u, v, r = self.state
+        self.state = (x_m, y_m, wrap_angle(psi_rad), u, v, r)
+        P = np.zeros((9, 9))
+        P[range(6), range(6)] = [*self._noise, *self._loose]  # a knock changes the velocity, too
+        P[6:, 6:] = self.covariance[6:, 6:]
+        self.covariance = P
+        return Verdict.JUMPED
+
+    def _one_vessel(self, before: tuple[float, float, float], after: tuple[float, float, float], dt_s: float) -> bool:
+        """Whether one vessel can have moved from one pose to the other in dt_s."""
+        distance_m = math.hypot(after[0] - before[0], after[1] - before[1])
+        turn_rad = abs(wrap_angle(after[2] - before[2]))
+        sigmas = math.sqrt(2.0 * self.tuning.gate)
+        return (
+            distance_m <= MAX_SPEED_M_S * dt_s + sigmas * self.tuning.position_m
+            and turn_rad <= MAX_YAW_RATE_RAD_S * dt_s + sigmas * self.tuning.heading_rad
+        )
+
+
+def _decay(dof: DegreeOfFreedom, nu: float, dt_s: float) -> float:
+    """Return 1 - dt d(drag)/d(nu) / alpha: what is left of a small change of velocity after dt."""
+    return 1.0 - dt_s * (dof.beta + 2.0 * dof.beta_quadratic * abs(nu)) / dof.alpha

@@ -1,0 +1,219 @@
+"""The estimator: where the vessel is, how fast, and what pushes it, from the camera's poses."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections import deque
+from typing import Literal
+
+from pydantic import Field
+
+from bus import topics
+from bus.clock import NS
+from bus.config import Section
+from bus.messages import CameraPose, NavigationState
+from bus.service import FUTURE_TOLERANCE_S, Input, Output, Service
+from marine.dynamics.integrate import State
+from marine.dynamics.uncoupled import Tau
+from marine.estimation.ekf import EkfTuning, PoseEkf, Verdict
+from marine.estimation.smoothing import CausalVelocities
+from marine.vessel import Vessel
+
+WRENCH_HOLD_NS = 350_000_000
+"""Without a new command the platform stops its thrusters: a delivered wrench counts no longer than this."""
+_LONGEST_STEP_NS = 50_000_000
+_NEAREST_NS = 1_000_000
+_NO_WRENCH: Tau = (0.0, 0.0, 0.0)
+
+Status = Literal["initialising", "tracking", "predicting", "lost"]
+
+
+class EstimatorConfig(Section):
+    """Section [estimator]. Walks are the random change within one second."""
+
+    enabled: bool = Field(True, description="false: measured values are the estimates, velocities by a causal filter")
+    position_noise_px: float = Field(0.2, gt=0)
+    heading_noise_rad: float = Field(0.003, gt=0)
+    velocity_walk_m_s: float = Field(0.004, gt=0)
+    yaw_rate_walk_rad_s: float = Field(0.02, gt=0)
+    force_walk_n: float = Field(0.06, gt=0)
+    moment_walk_nm: float = Field(0.006, gt=0)
+    gate: float = Field(25.0, gt=0, description="largest squared Mahalanobis distance of an innovation")
+    jump_after: int = Field(5, ge=2, description="refused poses in a row that are believed")
+    min_quality: float = Field(0.3, ge=0, le=1)
+    predicting_after_s: float = Field(0.1, gt=0)
+    lost_after_s: float = Field(1.0, gt=0)
+    ready_std_m_s: float = Field(0.03, gt=0, description="initialising until surge and sway are known so well")
+    smoothing_window: int = Field(9, ge=3)
+    smoothing_order: int = Field(2, ge=1)
+
+
+class Estimator(Service):
+    """EKF of pose, velocity and disturbance (`marine.estimation.ekf`).
+
+    The filter lives at the capture time of the last pose, which is older than now by the latency of camera and tracker.
+    What is published is predicted from there to now, with the wrench that the allocator says is delivered. When the
+    timer ends before the next pose comes (25 Hz against the camera's 30 Hz), a prediction is published.
+    """
+
+    name = "estimator"
+    rate_hz = 25.0
+
+    pose = Input(topics.CAMERA_POSE, wakes=True, queue=16)
+    delivered = Input(topics.ACTUATOR_DELIVERED, queue=16)
+    state = Output(topics.NAVIGATION_STATE)
+
+    def __init__(self, config: EstimatorConfig, vessel: Vessel) -> None:
+        self._config = config
+        self._model = vessel.model
+        self._pool = vessel.pool
+        self._tuning = EkfTuning(
+            position_m=config.position_noise_px / vessel.camera.scale_px_per_m,
+            heading_rad=config.heading_noise_rad,
+            velocity_walk_m_s=config.velocity_walk_m_s,
+            yaw_rate_walk_rad_s=config.yaw_rate_walk_rad_s,
+            force_walk_n=config.force_walk_n,
+            moment_walk_nm=config.moment_walk_nm,
+            gate=config.gate,
+            jump_after=config.jump_after,
+        )
+        self._ekf: PoseEkf | None = None
+        self._filter_ns = 0  # where the filter is
+        self._smoother = CausalVelocities(config.smoothing_window, config.smoothing_order)
+        self._measured: State | None = None
+        self._used_ns = 0  # capture time of the last pose used
+        self._seen_ns = 0  # of the last pose that came
+        self._ready = False
+        self._rejected = 0
+        self._wrenches: deque[tuple[int, Tau]] = deque(maxlen=64)
+
+    def step(self, now_s: float) -> None:
+        """Take in what came, publish the state at now."""
+        now_ns = round(now_s * NS)
+        for wrench in self.delivered.take():
+            surge, sway, _, _, _, yaw = wrench.vector()
+            if wrench.stamp_ns <= now_ns + FUTURE_TOLERANCE_S * NS:
+                self._wrenches.append((wrench.stamp_ns, (surge, sway, yaw)))
+        if self._seen_ns > now_ns + FUTURE_TOLERANCE_S * NS:  # the machine's clock was set back
+            self._forget()
+        for pose in self.pose.take():
+            if not self._acceptable(pose, now_ns) or not self._take_in(pose):
+                self._rejected += 1
+        self._publish(now_ns)
+
+    def _acceptable(self, pose: CameraPose, now_ns: int) -> bool:
+        """Whether a pose is worth looking at: in time and in order, in the pool, good and with a heading."""
+        age_s = (now_ns - pose.stamp_ns) / NS
+        if not -FUTURE_TOLERANCE_S <= age_s <= self._config.lost_after_s or pose.stamp_ns < self._seen_ns + _NEAREST_NS:
+            return False
+        self._seen_ns = pose.stamp_ns
+        return (
+            pose.x_m is not None
+            and pose.y_m is not None
+            and abs(pose.x_m - 0.5 * self._pool.length_x_m) < self._pool.length_x_m
+            and abs(pose.y_m - 0.5 * self._pool.length_y_m) < self._pool.length_y_m
+            and pose.quality >= self._config.min_quality
+            and not pose.heading_ambiguous
+        )
+
+    def _take_in(self, pose: CameraPose) -> bool:
+        """Correct the estimate by a pose; return whether the pose was used."""
+        x_m, y_m, psi_rad = pose.x_m or 0.0, pose.y_m or 0.0, pose.psi_rad
+        if (pose.stamp_ns - self._used_ns) / NS > self._config.lost_after_s:
+            self._forget()
+        used = self._measure if not self._config.enabled else self._filter
+        if not used(pose.stamp_ns, x_m, y_m, psi_rad):
+            return False
+        self._used_ns = pose.stamp_ns
+        return True
+
+    def _forget(self) -> None:
+        self._ekf, self._measured, self._ready = None, None, False
+        self._smoother.clear()
+        self._seen_ns = self._used_ns = 0
+
+    def _measure(self, stamp_ns: int, x_m: float, y_m: float, psi_rad: float) -> bool:
+        self._measured = (x_m, y_m, psi_rad, *self._smoother.add(stamp_ns / NS, x_m, y_m, psi_rad))
+        self._ready = True
+        return True
+
+    def _filter(self, stamp_ns: int, x_m: float, y_m: float, psi_rad: float) -> bool:
+        if self._ekf is None:
+            self._ekf = PoseEkf(self._model, self._tuning, x_m, y_m, psi_rad)
+            self._filter_ns = stamp_ns
+            return True
+        ekf = self._ekf
+        self._advance(ekf, self._filter_ns, stamp_ns)
+        self._filter_ns = stamp_ns
+        while len(self._wrenches) > 1 and self._wrenches[1][0] <= stamp_ns:
+            self._wrenches.popleft()
+        if ekf.update(x_m, y_m, psi_rad) is Verdict.REFUSED:
+            return False
+        if not self._ready:
+            self._ready = float(ekf.covariance.diagonal()[3:5].max()) < self._config.ready_std_m_s**2
+        return True
+
+    def _advance(self, ekf: PoseEkf, from_ns: int, to_ns: int) -> None:
+        """Predict from one time to another with the wrenches that were in force between."""
+        at_ns = from_ns
+        while at_ns < to_ns:
+            tau, until_ns = self._wrench(at_ns)
+            next_ns = min(until_ns, to_ns, at_ns + _LONGEST_STEP_NS)
+            ekf.predict((next_ns - at_ns) / NS, tau)
+            at_ns = next_ns
+
+    def _wrench(self, at_ns: int) -> tuple[Tau, int]:
+        """Return the wrench in force at a time, and when it ends."""
+        tau, until_ns, next_ns = _NO_WRENCH, 0, 2**63
+        for stamp_ns, delivered in self._wrenches:
+            if stamp_ns > at_ns:
+                next_ns = stamp_ns
+                break
+            tau, until_ns = delivered, stamp_ns + WRENCH_HOLD_NS
+        return (tau, min(until_ns, next_ns)) if at_ns < until_ns else (_NO_WRENCH, next_ns)
+
+    def _publish(self, now_ns: int) -> None:
+        age_s = (now_ns - self._used_ns) / NS
+        until_ns = min(now_ns, self._used_ns + round(self._config.lost_after_s * NS))
+        ekf = self._ekf
+        if ekf is not None:
+            if until_ns > self._filter_ns:
+                ekf = copy.copy(ekf)
+                self._advance(ekf, self._filter_ns, until_ns)
+            x_m, y_m, psi_rad, u, v, r = ekf.state
+        elif self._measured is not None:
+            x_m, y_m, psi_rad, u, v, r = self._measured
+        else:
+            return
+        d_x, d_y, d_n = ekf.disturbance if ekf else (None, None, None)
+        P = ekf.covariance.diagonal()[:3].tolist() if ekf else ()
+        x_std, y_std, psi_std = map(math.sqrt, P) if P else (None, None, None)
+        self.state.publish(
+            NavigationState(
+                origin_ns=self._used_ns,
+                status=self._status(age_s),
+                filtered=ekf is not None,
+                x_m=x_m,
+                y_m=y_m,
+                psi_rad=psi_rad,
+                surge_m_s=u,
+                sway_m_s=v,
+                yaw_rad_s=r,
+                disturbance_x_n=d_x,
+                disturbance_y_n=d_y,
+                disturbance_yaw_nm=d_n,
+                x_std_m=x_std,
+                y_std_m=y_std,
+                psi_std_rad=psi_std,
+                measurement_age_s=age_s,
+                rejected=self._rejected,
+            )
+        )
+
+    def _status(self, age_s: float) -> Status:
+        if age_s > self._config.lost_after_s:
+            return "lost"
+        if not self._ready:
+            return "initialising"
+        return "predicting" if age_s > self._config.predicting_after_s else "tracking"

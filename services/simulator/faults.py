@@ -1,0 +1,29 @@
+"""What can go wrong with the camera: kept by whoever plays the camera, from the orders on simulation/fault."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from bus.messages import SimulationFault
+
+
+@dataclass(frozen=True)
+class CameraFaults:
+    """Picture moved by so many pixels, black, or lost (part of the frames, in 0..1)."""
+
+    shift_px: tuple[float, float] = (0.0, 0.0)
+    black: bool = False
+    dropout: float = 0.0
+
+    def after(self, order: SimulationFault) -> CameraFaults:
+        """Return the faults after an order; one that does not concern the camera changes nothing."""
+        match order.kind:
+            case "camera_shift":
+                return replace(self, shift_px=(order.x_px, order.y_px) if order.active else (0.0, 0.0))
+            case "camera_black":
+                return replace(self, black=order.active)
+            case "dropout":
+                return replace(self, dropout=order.fraction if order.active else 0.0)
+            case "clear":
+                return CameraFaults()
+        return self
