@@ -101,7 +101,11 @@ class Renderer:
         dx, dy = x0 - x_px, y0 - y_px
         picture_to_sprite = np.array([[c, s, middle + c * dx + s * dy], [-s, c, middle - s * dx + c * dy]])
         sprite = cv2.warpAffine(
-            self._sprite, picture_to_sprite, (x1 - x0, y1 - y0), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+            self._sprite,
+            picture_to_sprite,
+            (x1 - x0, y1 - y0),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderValue=(0.0, 0.0, 0.0, 1.0),
         )
         part = self._image[y0:y1, x0:x1]
         part[:] = (part * sprite[..., 3:] + sprite[..., :3] + 0.5).astype(np.uint8)
