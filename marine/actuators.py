@@ -9,7 +9,7 @@ from marine.vessel import Thruster
 
 def max_thrust(thruster: Thruster) -> float:
     """Return the thrust in N at the largest command, K_T n_max^2."""
-    return thruster.k_t * thruster.n_max**2
+    return thruster.k_t * thruster.n_max * thruster.n_max
 
 
 def thrust(thruster: Thruster, command: float) -> float:
