@@ -59,28 +59,27 @@ class CameraTrackerConfig(Section):
 
     @model_validator(mode="after")
     def _known_colours(self) -> Self:
-        if self.vehicles:
-            for vehicle in self.vehicles:
-                for colour in {vehicle.front, vehicle.rear} - {None, *self.colours}:
-                    raise ValueError(
-                        f"vehicle {vehicle.name}: colour {colour} is not in colours ({', '.join(self.colours)})"
-                    )
-            names = [vehicle.name for vehicle in self.vehicles]
-            if len(set(names)) < len(names):
-                raise ValueError("two vehicles have the same name")
+        for vehicle in self.vehicles:
+            for colour in {vehicle.front, vehicle.rear} - {None, *self.colours}:
+                known = ", ".join(self.colours) or "there are none"
+                raise ValueError(f"vehicle {vehicle.name}: no such colour in colours: {colour} ({known})")
+        names = [vehicle.name for vehicle in self.vehicles]
+        if len(set(names)) < len(names):
+            raise ValueError("two vehicles have the same name")
         return self
 
-    def with_default_marker(self, name: str, scale_px_per_m: float) -> CameraTrackerConfig:
-        """Return the configuration with our marker on a vessel called `name`, unless it has vehicles of its own."""
+    def with_default_marker(self, name: str, scale_px_per_m: float | None) -> CameraTrackerConfig:
+        """Return the configuration with our marker on a vessel called `name`, unless it has vehicles of its own.
+
+        With a scale the marker's size is known, too, and pairs of patches that do not have it are refused.
+        """
         if self.vehicles:
             return self
-        vehicle = Vehicle(
-            name=name,
-            front="yellow",
-            rear="red",
-            spacing_px=marker.SPACING_M * scale_px_per_m,
-            area_px2=marker.PATCH_LENGTH_M * marker.PATCH_WIDTH_M * scale_px_per_m**2,
-        )
+        vehicle = Vehicle(name=name, front="yellow", rear="red")
+        if scale_px_per_m is not None:
+            area_m2 = marker.PATCH_LENGTH_M * marker.PATCH_WIDTH_M
+            size = {"spacing_px": marker.SPACING_M * scale_px_per_m, "area_px2": area_m2 * scale_px_per_m**2}
+            vehicle = vehicle.model_copy(update=size)
         return self.model_copy(update={"colours": {**DEFAULT_COLOURS, **self.colours}, "vehicles": (vehicle,)})
 
 

@@ -33,6 +33,10 @@ Image = NDArray[np.uint8]
 
 PICTURE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"})
 
+# A damaged file is told in one SourceError, not beside it as well.
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+
 _MAGIC = b"STARCAM1"
 _HEADER = struct.Struct("<8sIIII")
 _COUNT = struct.Struct("<Q")

@@ -1,0 +1,205 @@
+"""`starboard track`: the camera tracker without the star, on a picture, a folder, a video or a camera."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from services.cli.errors import CliError
+
+if TYPE_CHECKING:
+    from camera_tracker.config import CameraTrackerConfig
+    from camera_tracker.detectors.colour import Detection
+    from camera_tracker.sources import Frame, Image, Source
+
+_POLL_S = 0.005
+_HINT = (
+    "no vehicle found in any frame: describe the colours of its patches in a [camera_tracker] section and give that "
+    "file with --config (an example is config/overhead-video.toml)"
+)
+
+
+def track(
+    source: Annotated[str, typer.Argument(help="Picture, folder, video, /dev/video0 or a number, sim://[DIRECTORY].")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    config: Annotated[Path | None, typer.Option(help="TOML file with a [camera_tracker] section.")] = None,
+    show: Annotated[Path | None, typer.Option(help="Write a video (.mp4) with the poses drawn in.")] = None,
+    frames: Annotated[int | None, typer.Option(min=1, help="Stop after so many frames; a camera has no end.")] = None,
+) -> None:
+    """Find vehicles by their coloured patches in a recording or a camera; Ctrl-C ends a camera."""
+    import cv2
+
+    from bus.config import Deployment
+    from camera_tracker.sources import SourceError, open_source
+    from camera_tracker.tracking import Tracker
+
+    cv2.setNumThreads(1)
+    tracker_config = _read_config(config)
+    tracker = Tracker(tracker_config)
+    names = [vehicle.name for vehicle in tracker_config.vehicles]
+    results: list[dict[str, Any]] = []
+    try:
+        pictures = open_source(source, Deployment().run_dir)
+        total = frames or pictures.frames_total
+        with _drawing(show, pictures) as draw, _progress(as_json, total) as advance:
+            for frame in _frames(pictures, frames):
+                found = tracker.track(frame.image, frame.stamp_ns)
+                poses = [_pose(name, pose) for name, pose in found.items()]
+                results.append({"index": frame.index, "stamp_s": frame.stamp_ns * 1e-9, "poses": poses})
+                draw(frame.image, found)
+                advance()
+    except SourceError as error:
+        raise CliError(str(error)) from None
+    vehicles = [_summary(name, results) for name in names]
+    summary = {"frames": len(results), "skipped": pictures.skipped, "vehicles": vehicles}
+    if as_json:
+        print(json.dumps({"source": source, "frames": results, "summary": summary}))
+    else:
+        _print_summary(source, summary)
+    if not any(vehicle["found"] for vehicle in vehicles):
+        typer.echo(f"starboard: {_HINT}", err=True)
+
+
+def _read_config(path: Path | None) -> CameraTrackerConfig:
+    from bus.config import ConfigError, parse, read_toml
+    from camera_tracker.config import CameraTrackerConfig
+
+    if path is None:
+        return CameraTrackerConfig().with_default_marker("vessel", None)
+    tables = read_toml(path)
+    if "camera_tracker" not in tables:
+        raise ConfigError(f"{path}: no section [camera_tracker]")
+    config = parse(CameraTrackerConfig, tables["camera_tracker"], path, "camera_tracker")
+    return config.with_default_marker("vessel", config.scale_px_per_m)
+
+
+def _frames(source: Source, limit: int | None) -> Iterator[Frame]:
+    """Yield a recording's frames, or a camera's until Ctrl-C."""
+    import time
+
+    count = 0
+    try:
+        while limit is None or count < limit:
+            frame = source.read()
+            if frame is not None:
+                count += 1
+                yield frame
+            elif source.live:
+                time.sleep(_POLL_S)
+            else:
+                return
+    except KeyboardInterrupt:
+        if not source.live:
+            raise
+    finally:
+        source.close()
+
+
+def _pose(name: str, found: Detection) -> dict[str, Any]:
+    pose = {
+        "name": name,
+        "x_px": round(found.x_px, 4),
+        "y_px": round(found.y_px, 4),
+        "psi_rad": round(found.psi_rad, 6),
+        "quality": round(found.quality, 3),
+    }
+    if found.reason:
+        pose["reason"] = found.reason
+    if found.heading_ambiguous:
+        pose["heading_ambiguous"] = True
+    return pose
+
+
+def _summary(name: str, results: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return in what fraction of the frames a vehicle was found, and its median steps from frame to frame."""
+    import statistics
+
+    poses = [next((pose for pose in result["poses"] if pose["name"] == name), None) for result in results]
+    steps = [(a, b) for a, b in itertools.pairwise(poses) if a is not None and b is not None]
+    moved = [math.hypot(b["x_px"] - a["x_px"], b["y_px"] - a["y_px"]) for a, b in steps]
+    turned = [abs(math.degrees(math.remainder(b["psi_rad"] - a["psi_rad"], math.tau))) for a, b in steps]
+    return {
+        "name": name,
+        "found": sum(pose is not None for pose in poses) / max(len(poses), 1),
+        "median_step_px": statistics.median(moved) if moved else None,
+        "median_step_deg": statistics.median(turned) if turned else None,
+    }
+
+
+def _print_summary(source: str, summary: dict[str, Any]) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    table = Table("vehicle", title=f"{source}: {summary['frames']} frames", title_justify="left")
+    for column in ("found", "median step px", "median step deg"):
+        table.add_column(column, justify="right")
+    for vehicle in summary["vehicles"]:
+        steps = [vehicle["median_step_px"], vehicle["median_step_deg"]]
+        table.add_row(vehicle["name"], f"{vehicle['found']:.1%}", *("-" if v is None else f"{v:.3f}" for v in steps))
+    console.print(table)
+    if summary["skipped"]:
+        console.print(f"no pictures, left out: {', '.join(summary['skipped'])}")
+
+
+@contextmanager
+def _progress(quiet: bool, total: int | None) -> Iterator[Any]:
+    """Show how far a long recording is; yields what to call after each frame."""
+    if quiet or total == 1:
+        yield lambda: None
+        return
+    from rich.console import Console
+    from rich.progress import MofNCompleteColumn, Progress, TimeRemainingColumn
+
+    columns = (*Progress.get_default_columns()[:2], MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("tracking", total=total)
+        yield lambda: progress.advance(task)
+
+
+@contextmanager
+def _drawing(path: Path | None, source: Source) -> Iterator[Any]:
+    """Write a video; yields what to call with each picture and its poses. Raises CliError when it cannot be written."""
+    if path is None:
+        yield lambda _image, _found: None
+        return
+    import cv2
+
+    writers: list[cv2.VideoWriter] = []
+
+    def draw(image: Image, found: dict[str, Detection]) -> None:
+        if not writers:
+            fourcc = cv2.VideoWriter.fourcc(*"mp4v")
+            rate_hz = getattr(source, "rate_hz", 30.0 if source.live else 1.0)
+            writers.append(cv2.VideoWriter(str(path), fourcc, rate_hz, (image.shape[1], image.shape[0])))
+            if not writers[0].isOpened():
+                raise CliError(f"{path}: this video cannot be written; give a name ending in .mp4 in a folder of yours")
+        writers[0].write(_drawn(image, found))
+
+    try:
+        yield draw
+    finally:
+        for writer in writers:
+            writer.release()
+
+
+def _drawn(image: Image, found: dict[str, Detection]) -> Any:
+    """Return a copy with position (green circle) and heading (blue line), as in thesis Fig. 3.15(b)."""
+    import cv2
+
+    copy = image.copy()
+    for name, pose in found.items():
+        middle = (round(pose.x_px), round(pose.y_px))
+        ahead = 1.5 * pose.extent_px
+        tip = (round(pose.x_px + ahead * math.cos(pose.psi_rad)), round(pose.y_px + ahead * math.sin(pose.psi_rad)))
+        cv2.line(copy, middle, tip, (255, 80, 0), 2, cv2.LINE_AA)
+        cv2.circle(copy, middle, 4, (0, 255, 0), 2, cv2.LINE_AA)
+        cv2.putText(copy, name, (middle[0] + 8, middle[1] - 8), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (255, 255, 255), 1)
+    return copy
