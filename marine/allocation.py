@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from operator import mul
 
 import daqp
 import numpy as np
@@ -85,7 +86,7 @@ class Allocation:
 
     def wrench(self, thrusts: Sequence[float]) -> Vector3:
         """Return B t: what thrusts in N do together, [X, Y, N] in N and Nm."""
-        surge, sway, yaw = (sum(b * t for b, t in zip(row, thrusts, strict=True)) for row in self._B)
+        surge, sway, yaw = (sum(map(mul, row, thrusts)) for row in self._B)
         return surge, sway, yaw
 
 
