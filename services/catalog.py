@@ -6,10 +6,12 @@ import importlib
 import inspect
 import os
 import typing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+
+from pydantic import Field
 
 from bus.config import ConfigError, Deployment, Section, parse, read_toml
 from bus.hub import HubConfig
@@ -30,9 +32,15 @@ class Process:
 
     @cached_property
     def service(self) -> type[Service]:
-        """The class, imported when it is asked for."""
-        module, name = self.target.split(":")
-        return getattr(importlib.import_module(module), name)  # type: ignore[no-any-return]
+        """The class, imported when it is asked for; raises ConfigError when there is none."""
+        module, _, name = self.target.partition(":")
+        try:
+            found = getattr(importlib.import_module(module), name)
+        except (ImportError, AttributeError) as error:
+            raise ConfigError(f"service {self.name}: cannot import {self.target}: {error}") from None
+        if not (isinstance(found, type) and issubclass(found, Service)):
+            raise ConfigError(f"service {self.name}: {self.target} is no bus.Service")
+        return found
 
     @property
     def config(self) -> type[Section] | None:
@@ -59,23 +67,15 @@ PROCESSES = (
 )
 
 
-def process(name: str) -> Process:
-    """Return an entry of the catalogue; raise ConfigError that lists the names."""
-    for entry in PROCESSES:
-        if entry.name == name:
-            return entry
-    raise ConfigError(f"no service is called {name!r}; known: {', '.join(p.name for p in PROCESSES)}")
-
-
 class SystemConfig(Section):
     """Section [system]: what all processes share."""
 
-    vessel: str = "pladypos"
-    """A name in config/vessels, or the path of a vessel file."""
-    simulation: bool = False
-    """Start the simulator, as the world behind camera and serial port."""
-    recordings: Path = Path("recordings")
-    """Folder of the MCAP recordings."""
+    vessel: str = Field("pladypos", description="a name in config/vessels, or the path of a vessel file")
+    simulation: bool = Field(False, description="start the simulator, as the world behind camera and serial port")
+    recordings: Path = Field(Path("recordings"), description="folder of the MCAP recordings")
+    services: dict[str, str] = Field(
+        default_factory=dict, description='add or replace processes: name = "module:Class"'
+    )
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,17 @@ class Settings:
     @property
     def processes(self) -> tuple[Process, ...]:
         """The processes that this configuration starts."""
-        return tuple(p for p in PROCESSES if self.system.simulation or not p.simulation_only)
+        own = {p.name: p for p in PROCESSES if self.system.simulation or not p.simulation_only}
+        for name, target in self.system.services.items():
+            own[name] = replace(own[name], target=target) if name in own else Process(name, target)
+        return tuple(own.values())
+
+    def process(self, name: str) -> Process:
+        """Return one of the processes; raise ConfigError that lists the names."""
+        known = {p.name: p for p in (*PROCESSES, *self.processes)}
+        if name not in known:
+            raise ConfigError(f"no service is called {name!r}; known: {', '.join(known)}")
+        return known[name]
 
     def section(self, entry: Process) -> Section | None:
         """Return the validated section of a process; raise ConfigError with file and key."""
@@ -119,11 +129,11 @@ def load_settings(path: Path | None) -> Settings:
     """Return the settings of a file (None: defaults); raise ConfigError with file, key and reason."""
     tables = read_toml(path) if path else {}
     where = path or Path("defaults")
-    known = ["system", *(p.name for p in PROCESSES)]
+    system = parse(SystemConfig, tables.get("system", {}), where, "system")
+    known = ["system", *(p.name for p in PROCESSES), *system.services]
     for name in tables:
         if name not in known:
             raise ConfigError(f"{where}: [{name}]: no such section; known: {', '.join(known)}")
-    system = parse(SystemConfig, tables.get("system", {}), where, "system")
     return Settings(path.absolute() if path else None, tables, system)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import socket
 import struct
@@ -28,6 +29,8 @@ from services.catalog import Process
 
 HUNG_S = 3.0
 _CREDENTIALS = struct.Struct("3i")
+_LOG_HEAD = re.compile(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} ")
+"""What a log line begins with in its file; on the terminal each line has its time and service already."""
 _STATES = {
     events.ProcessStateStartingEvent: "starting",
     events.ProcessStateBackoffEvent: "backoff",
@@ -164,7 +167,8 @@ class Star(Supervisor):  # type: ignore[misc]
     def _on_stderr(self, event: events.ProcessLogStderrEvent) -> None:
         for line in event.data.decode(errors="replace").splitlines():
             if line.strip():
-                self.tell(event.process.config.name, line)
+                name = event.process.config.name
+                self.tell(name, _LOG_HEAD.sub("", line).removeprefix(f"{name}: "))
 
     def _read_notify(self) -> None:
         while True:

@@ -13,7 +13,6 @@ from services.cli.errors import CliError
 
 app = typer.Typer(
     name="starboard",
-    help="Control system of a laboratory marine vessel: processes around one key-value bus.",
     no_args_is_help=True,
     add_completion=True,
     pretty_exceptions_enable=False,
@@ -39,14 +38,25 @@ def _load(target: str) -> object:
     return getattr(importlib.import_module(module), name)
 
 
-for _name, _target in COMMANDS.items():
-    app.command(_name)(_load(_target))  # type: ignore[type-var]
-for _name, _target in GROUPS.items():
-    app.add_typer(_load(_target), name=_name)  # type: ignore[arg-type]
+@app.callback()
+def _starboard() -> None:
+    """Control system of a laboratory marine vessel: processes around one key-value bus."""
+
+
+def _register(wanted: str | None) -> None:
+    """Add the command that is wanted, or all of them for help and completion: a service starts with few imports."""
+    everything = wanted not in (*COMMANDS, *GROUPS)
+    for name, target in COMMANDS.items():
+        if everything or name == wanted:
+            app.command(name)(_load(target))  # type: ignore[type-var]
+    for name, target in GROUPS.items():
+        if everything or name == wanted:
+            app.add_typer(_load(target), name=name)  # type: ignore[arg-type]
 
 
 def main() -> None:
     """Run a command; a mistake of use is one line on stderr and exit code 2."""
+    _register(sys.argv[1] if len(sys.argv) > 1 else None)
     try:
         app()
     except (CliError, ConfigError) as error:

@@ -19,13 +19,13 @@ def run(
 ) -> None:
     """Run one service until Ctrl-C or SIGTERM. It waits for the hub, and finds it again after a loss."""
     from bus.run import prepare_process
-    from services.catalog import build, load_settings, process
+    from services.catalog import build, load_settings
 
     prepare_process()
-    entry = process(name)
     if config is None and (system := running()) is not None:
         config = system.config
     settings = load_settings(config)
+    entry = settings.process(name)
     service = build(entry, settings)
 
     from bus.run import run as run_loop

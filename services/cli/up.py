@@ -6,12 +6,15 @@ import os
 import sys
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from services.cli.errors import CliError
 from services.cli.system import System, current_path, running
+
+if TYPE_CHECKING:
+    from services.catalog import Settings
 
 DEFAULT_CONFIG = Path(__file__).parent.parent.parent / "config" / "simulation.toml"
 
@@ -46,12 +49,9 @@ def up(
         print("Starboard: everything has stopped")
 
 
-def page_address(settings: object) -> str:
+def page_address(settings: Settings) -> str:
     """Return the address of the operator's page."""
-    from services.catalog import Settings, process
-
-    assert isinstance(settings, Settings)
-    ui = settings.section(process("ui"))
+    ui = settings.section(settings.process("ui"))
     host = getattr(ui, "host", "127.0.0.1")
     return f"http://{host}:{getattr(ui, 'port', 8080)}/"
 
