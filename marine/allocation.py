@@ -49,7 +49,7 @@ class Allocation:
     each actuator; t0 = B^+ tau, the pseudo-inverse of thesis 8.1, is the answer while no limit is met, exactly.
     """
 
-    def __init__(self, B: Array, lower: Array, upper: Array, yaw_priority: float = YAW_PRIORITY) -> None:
+    def __init__(self, B: Array, lower: Array, upper: Array) -> None:
         """Precompute all that does not depend on the demand.
 
         B: 3 x n; lower <= 0 <= upper: thrusts in N, n. Raise ValueError when zero thrust is not allowed or an
@@ -63,11 +63,11 @@ class Allocation:
         reach[reach < 1e-9 * reach.max()] = 0.0  # nothing acts on this axis
         self.reach: Vector3 = tuple(reach.tolist())
         """What all actuators together could do on each axis, N and Nm; 0.0 where none acts."""
-        self.weights = np.divide([1.0, 1.0, yaw_priority], reach, out=np.zeros(3), where=reach > 0.0)
+        self.weights = np.divide([1.0, 1.0, YAW_PRIORITY], reach, out=np.zeros(3), where=reach > 0.0)
         self._B: list[list[float]] = B.tolist()
         A = self.weights[:, None] * B * scale
-        self.preferred = np.linalg.pinv(B * scale)  # 3 columns: t0 / T of a unit demand
-        self._linear = -(A.T * self.weights + REGULARISATION * self.preferred)
+        preferred = np.linalg.pinv(B * scale)  # t0 / T of each unit demand
+        self._linear = -(A.T * self.weights + REGULARISATION * preferred)
         self._solver = daqp.Model()
         n = len(scale)
         hessian = A.T @ A + REGULARISATION * np.eye(n)
