@@ -27,7 +27,8 @@ STATIC_DIR = Path(__file__).parent / "static"
 MAX_PAGES = 16
 _HEADERS = {
     "Cache-Control": "no-cache",  # an update of Starboard must reach the browser
-    "Content-Security-Policy": "default-src 'self'; img-src 'self' blob: data:; frame-ancestors 'none'",
+    # eval, which the page has no use for, is what Playwright's wait_for_function needs
+    "Content-Security-Policy": "default-src 'self'; script-src 'self' 'unsafe-eval'; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
 }
 

@@ -1,0 +1,129 @@
+// How the services and the devices fare: lamps in the head, the Services tab, and what the banner must shout.
+
+import { age, bytes, fixed, h, rate, text } from "./format.js";
+
+const DEAD_S = 2.5;
+const beat = (name) => `service/${name}/heartbeat`;
+
+export class Health {
+  constructor(store, link, system) {
+    Object.assign(this, { store, link, system });
+    this.element = document.querySelector("#health");
+    this.devices = h("div", { class: "devices" });
+    this.table = h("table", {}, h("thead", {}, h("tr", {}, ...["Service", "State", "Rate", "Step, ms", "Late", "Bad", "Gaps", "Beat"].map((name) => h("th", {}, name)))));
+    this.element.append(this.devices, this.table);
+    this.rows = new Map();
+  }
+
+  names() {
+    const seen = [...this.store.variables.keys()].filter((key) => /^service\/[^/]+\/heartbeat$/.test(key)).map((key) => key.split("/")[1]);
+    return [...new Set([...this.system.services, ...seen])].sort();
+  }
+
+  /** {state, level} of a service by its heartbeat. */
+  judge(name) {
+    const heartbeat = this.store.get(beat(name));
+    if (!heartbeat) return { state: "not seen", level: "off" };
+    const silentS = (performance.now() - this.store.variables.get(beat(name)).receivedAt) / 1000;
+    if (heartbeat.state === "stopping") return { state: "stopped", level: "off" };
+    if (silentS > DEAD_S) return { state: "silent", level: "error" };
+    return { state: heartbeat.state, level: heartbeat.note || heartbeat.state !== "running" ? "warn" : "ok" };
+  }
+
+  tick() {
+    this.showLamps();
+    if (!this.element.checkVisibility()) return;
+    for (const name of this.names()) this.showService(name, this.rows.get(name) ?? this.addRow(name));
+    this.showDevices();
+  }
+
+  addRow(name) {
+    const cells = Array.from({ length: 7 }, () => h("td", { class: "num" }));
+    const note = h("td", { colspan: "8" });
+    const row = { cells, note, body: h("tbody", { "data-service": name }, h("tr", {}, h("th", { scope: "row" }, name), ...cells), h("tr", { class: "note", hidden: true }, note)) };
+    const next = [...this.table.tBodies].find((body) => body.dataset.service > name);
+    this.table.insertBefore(row.body, next ?? null);
+    this.rows.set(name, row);
+    return row;
+  }
+
+  showService(name, { body, cells, note }) {
+    const { state, level } = this.judge(name);
+    const b = this.store.get(beat(name)) ?? {};
+    body.dataset.level = level;
+    const step = b.pid === undefined ? "" : `${fixed(b.step_mean_ms, 1)} / ${fixed(b.step_max_ms, 1)}`;
+    const shown = [state, rate(b.rate_hz), step, b.late_steps, b.malformed, b.gaps, b.pid === undefined ? "" : age(this.store.ageS(beat(name)))];
+    shown.forEach((value, i) => text(cells[i], String(value ?? "")));
+    for (const i of [3, 4, 5]) cells[i].classList.toggle("warn", shown[i] > 0);
+    text(note, b.note ?? "");
+    note.parentElement.hidden = !b.note;
+  }
+
+  showDevices() {
+    const link = this.store.get("link/status");
+    const camera = this.store.get("camera/status");
+    const recorder = this.store.get("recorder/status");
+    const battery = this.store.get("link/telemetry")?.battery_v;
+    const { server } = this.store;
+    const cards = [
+      ["Radio link", link && `${link.state} · ${link.port}`, link && (link.error || `lost ${link.lost} of ${link.received + link.lost} · bad CRC ${link.crc_errors + link.platform_crc_errors} · round trip ${age(link.round_trip_s ?? NaN)}${battery ? ` · ${fixed(battery, 1)} V` : ""}`)],
+      ["Camera", camera && `${camera.state} · ${camera.camera}`, camera && (camera.error || `${rate(camera.rate_hz)} · dropped ${camera.frames_dropped} · ${fixed(camera.latency_s * 1000, 1)} ms`)],
+      ["Recorder", recorder && `${recorder.state} · ${recorder.file.split("/").at(-1)}`, recorder && (recorder.error || `${bytes(recorder.size_bytes)} · ${recorder.messages} messages · dropped ${recorder.dropped}`)],
+      ["Page", `${this.link.client} · ${server.pages} open`, `refused from pages ${server.refused} · malformed on the bus ${server.malformed} · dropped ${server.dropped}`],
+    ];
+    cards.forEach(([title, first, second], i) => {
+      const card = this.devices.children[i] ?? this.devices.appendChild(h("div", {}, h("b", {}, title), h("span"), h("small")));
+      text(card.children[1], first || "not seen");
+      text(card.children[2], second || "");
+    });
+  }
+
+  showLamps() {
+    const lamp = (id, level, label) => {
+      const element = document.getElementById(id);
+      element.dataset.level = level;
+      text(element, label);
+    };
+    const link = this.store.fresh("link/status", DEAD_S);
+    lamp("lamp-link", !link ? "off" : link.state === "connected" ? "ok" : "error", link?.state === "connected" ? `Link ${age(link.round_trip_s ?? NaN)}` : "Link down");
+    const camera = this.store.fresh("camera/status", DEAD_S);
+    lamp("lamp-camera", !camera ? "off" : { tracking: "ok", searching: "warn", no_camera: "error" }[camera.state], camera ? `Camera ${camera.state.replace("_", " ")}` : "Camera silent");
+    const recorder = this.store.fresh("recorder/status", DEAD_S);
+    lamp("recording", !recorder ? "off" : { recording: "rec", idle: "warn", error: "error" }[recorder.state], recorder?.state === "recording" ? `REC ${bytes(recorder.size_bytes)}` : recorder ? `Recorder ${recorder.state}` : "Not recording");
+    const levels = this.names().map((name) => this.judge(name).level);
+    const good = levels.filter((level) => level === "ok" || level === "warn").length;
+    lamp("lamp-services", levels.includes("error") ? "error" : good < levels.length || levels.includes("warn") ? "warn" : "ok", `Services ${good}/${levels.length}`);
+  }
+
+  /** Everything that must be shouted now, worst first: [level, title, detail]. */
+  alarms() {
+    const now = performance.now();
+    if (!this.link.connectedOnce && now < 1500) return [];
+    if (now - this.link.frameAt > 1000)
+      return [["error", "Connection to the server lost", " What you see is old. Trying again …"]];
+    const silentS = (now - this.store.newAt) / 1000;
+    if (silentS > 1) return [["error", "Nothing comes from the bus", ` for ${age(silentS)}. Is the hub running?`]];
+    const alarms = [];
+    const helm = this.store.fresh("helm/state", 1.5);
+    const state = this.store.fresh("navigation/state", 1);
+    const link = this.store.fresh("link/status", DEAD_S);
+    if (!helm) alarms.push(["error", "The helm is silent", " The mode shown is not certain."]);
+    else if (helm.status === "fault") alarms.push(["error", "Fault", ` ${helm.reason}`]);
+    else if (helm.suspended) alarms.push(["error", "Suspended", ` ${helm.reason || "the thrusters are at zero"}`]);
+    if (!state) alarms.push(["warn", "No position", " The estimator is silent."]);
+    else if (state.status === "lost") alarms.push(["warn", "Position lost", " The camera does not see the vessel."]);
+    if (link?.state === "disconnected") alarms.push(["warn", "Radio link down", ` ${link.error}`]);
+    return alarms;
+  }
+
+  showBanner() {
+    const alarms = this.alarms();
+    const banner = document.querySelector("#banner");
+    banner.hidden = !alarms.length;
+    if (!alarms.length) return;
+    const [level, title, detail] = alarms[0];
+    banner.dataset.level = level;
+    text(banner.children[0], title);
+    text(banner.children[1], detail + alarms.slice(1).map((alarm) => ` · ${alarm[1]}`).join(""));
+  }
+}

@@ -1,0 +1,113 @@
+// Modes: asks the helm, shows what it answered and what it does, keeps the lease.
+
+import { text } from "./format.js";
+import { toast } from "./toasts.js";
+
+const RENEW_MS = 1000;
+const ANSWER_MS = 1500;
+const NAMES = { stop: "stopped", manual: "manual", hold: "holding" };
+
+export class Helm {
+  constructor(link, store, reference) {
+    Object.assign(this, { link, store, reference });
+    this.waiting = new Map(); // request_id -> {mode, reference}
+    this.requests = 0;
+    this.renewedAt = 0;
+    this.modeOutput = document.querySelector("#mode");
+    this.manualButton = document.querySelector("#manual");
+    this.holdButton = document.querySelector("#hold");
+    this.leaseNote = document.querySelector("#lease");
+    document.querySelector("#stop").onclick = () => this.stop();
+    this.manualButton.onclick = () => this.manual();
+    this.holdButton.onclick = () => this.hold();
+  }
+
+  get state() {
+    return this.store.fresh("helm/state", 1.5);
+  }
+
+  /** Whether this page's stick acts. */
+  get driving() {
+    const state = this.state;
+    return this.link.open && state?.mode === "manual" && state.holder === this.link.client;
+  }
+
+  stop() {
+    const wish = this.request("stop");
+    if (this.link.send(wish)) return;
+    this.link.afterReconnect = wish;
+    toast("No connection. Stop is sent as soon as there is one.", { level: "error" });
+  }
+
+  manual(take = false) {
+    this.ask("manual", {}, take);
+  }
+
+  hold(take = false, pose = this.reference.chosen ?? this.pose()) {
+    if (pose) this.ask("hold", { x_m: pose.x_m, y_m: pose.y_m, psi_rad: pose.psi_rad }, take);
+    else toast("Hold: the position is not known yet.", { level: "error" });
+  }
+
+  pose() {
+    return this.store.fresh("navigation/state", 1);
+  }
+
+  ask(mode, pose, take) {
+    if (!this.link.send(this.request(mode, pose, take))) toast("No connection to the server.", { level: "error" });
+  }
+
+  request(mode, pose = {}, take = false) {
+    const request_id = `${this.link.client}-${++this.requests}`;
+    this.waiting.set(request_id, { mode, pose });
+    setTimeout(() => this.waiting.delete(request_id) && toast("The helm does not answer.", { level: "error" }), ANSWER_MS);
+    return { type: "mode", request_id, mode, ...pose, take };
+  }
+
+  answered({ request_id, accepted, reason }) {
+    const wish = this.waiting.get(request_id);
+    if (!this.waiting.delete(request_id)) return;
+    if (accepted) {
+      if (wish.mode === "hold") this.reference.clear();
+      toast(wish.mode === "stop" ? "Stopped" : wish.mode === "manual" ? "You have the stick" : "Holding");
+      return;
+    }
+    const take = { label: "Take over", run: () => this.ask(wish.mode, wish.pose, true) };
+    toast(`${wish.mode} refused: ${reason}`, { level: "error", action: this.heldByOther() ? take : null });
+  }
+
+  heldByOther() {
+    const state = this.state;
+    const expires = (state?.lease_expires_ns ?? 0) / 1e9;
+    return Boolean(state?.attended && state.holder && state.holder !== this.link.client && expires > this.store.nowS());
+  }
+
+  /** Called with every frame of the server, which a hidden tab still gets in time. */
+  renew() {
+    const now = performance.now();
+    if (now - this.renewedAt < RENEW_MS || this.state?.holder !== this.link.client) return;
+    this.renewedAt = now;
+    this.link.send({ type: "renew" });
+  }
+
+  show() {
+    const state = this.state;
+    const mode = state?.mode ?? "";
+    this.modeOutput.dataset.mode = mode;
+    this.modeOutput.dataset.status = !state ? "unknown" : state.suspended ? "suspended" : state.status;
+    text(this.modeOutput, mode ? (state.suspended ? `${mode} · suspended` : (NAMES[mode] ?? mode)) : "unknown");
+    this.modeOutput.value = this.modeOutput.textContent;
+    this.manualButton.setAttribute("aria-pressed", mode === "manual");
+    this.holdButton.setAttribute("aria-pressed", mode === "hold");
+    text(this.holdButton, this.reference.chosen ? "Hold there" : "Hold here");
+    text(this.leaseNote, this.lease(state));
+    this.reference.follow();
+  }
+
+  lease(state) {
+    if (!state) return "The helm is silent.";
+    const reason = state.reason ? ` · ${state.reason}` : "";
+    if (this.reference.chosen) return `Chosen: ${this.reference.describe()}. Press Hold to go there.`;
+    if (state.holder === this.link.client) return `You have the helm${reason}`;
+    return (state.holder ? `${state.holder} has the helm` : "Nobody has the helm") + reason;
+  }
+}

@@ -1,0 +1,263 @@
+// The pool from above in {E}: x to the right, y downwards, psi clockwise, as the camera sees it.
+
+import { fixed } from "./format.js";
+
+const TRAIL_S = 60;
+const DRAG_PX = 12;
+export const COLOURS = { estimate: "#4fc3df", reference: "#f2b84b", truth: "#a99bf5", push: "#ff8a65", thrust: "#8ee6a4" };
+
+export class PoolMap {
+  constructor(store, system, reference) {
+    Object.assign(this, { store, system, reference });
+    this.canvas = document.querySelector("#map");
+    this.context = this.canvas.getContext("2d");
+    this.canvas.style.aspectRatio = `${system.pool.length_x_m + 0.5} / ${system.pool.length_y_m + 0.5}`;
+    this.listen();
+    new ResizeObserver(() => this.draw()).observe(this.canvas);
+  }
+
+  // --- geometry
+
+  fit() {
+    const { length_x_m, length_y_m } = this.system.pool;
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    this.scale = Math.min((width - 44) / length_x_m, (height - 40) / length_y_m);
+    this.left = (width - length_x_m * this.scale) / 2 + 8;
+    this.top = (height - length_y_m * this.scale) / 2 - 6;
+  }
+
+  px(x_m) {
+    return this.left + x_m * this.scale;
+  }
+
+  py(y_m) {
+    return this.top + y_m * this.scale;
+  }
+
+  worldToClient(x_m, y_m) {
+    this.fit();
+    const box = this.canvas.getBoundingClientRect();
+    return { x: box.left + this.px(x_m), y: box.top + this.py(y_m) };
+  }
+
+  clientToWorld(event) {
+    const box = this.canvas.getBoundingClientRect();
+    return { x_m: (event.clientX - box.left - this.left) / this.scale, y_m: (event.clientY - box.top - this.top) / this.scale };
+  }
+
+  // --- choosing a place: click sets it, drag from it sets the heading, the wheel turns it
+
+  listen() {
+    let from = null;
+    this.canvas.addEventListener("pointerdown", (event) => {
+      if (event.button > 0) return;
+      from = event;
+      this.canvas.setPointerCapture(event.pointerId);
+      const psi_rad = (this.reference.chosen ?? this.reference.current())?.psi_rad ?? 0;
+      this.reference.choose({ ...this.clientToWorld(event), psi_rad });
+      this.draw();
+    });
+    this.canvas.addEventListener("pointermove", (event) => {
+      if (!from || event.pointerId !== from.pointerId) return;
+      const [dx, dy] = [event.clientX - from.clientX, event.clientY - from.clientY];
+      if (Math.hypot(dx, dy) < DRAG_PX) return;
+      const deg = Math.round((Math.atan2(dy, dx) * 180) / Math.PI);
+      this.reference.choose({ ...this.reference.chosen, psi_rad: (deg * Math.PI) / 180 });
+      this.draw();
+    });
+    for (const end of ["pointerup", "pointercancel"]) this.canvas.addEventListener(end, () => (from = null));
+    this.canvas.addEventListener("wheel", (event) => {
+      if (!this.reference.chosen) return;
+      event.preventDefault();
+      this.reference.turn(5 * Math.sign(event.deltaY));
+      this.draw();
+    }, { passive: false });
+  }
+
+  // --- drawing
+
+  draw() {
+    const ratio = devicePixelRatio || 1;
+    const { canvas, context: c } = this;
+    const [width, height] = [Math.round(canvas.clientWidth * ratio), Math.round(canvas.clientHeight * ratio)];
+    if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
+    this.fit();
+    c.setTransform(ratio, 0, 0, ratio, 0, 0);
+    c.clearRect(0, 0, width, height);
+    this.drawPool(c);
+    this.drawTrail(c);
+    const state = this.store.get("navigation/state");
+    const helm = this.store.fresh("helm/state", 1.5);
+    const held = helm?.mode !== "stop" && helm?.x_m != null && helm?.y_m != null ? helm : null;
+    if (held && state) this.drawLeg(c, state, held);
+    if (held) this.drawShape(c, held, { stroke: COLOURS.reference, width: 2 });
+    const truth = this.store.fresh("simulation/truth", 1);
+    if (truth) this.drawShape(c, truth, { stroke: COLOURS.truth, width: 1.2, alpha: 0.6 });
+    if (state) this.drawVessel(c, state);
+    if (this.reference.chosen) this.drawShape(c, this.reference.chosen, { stroke: COLOURS.reference, width: 2, dash: [6, 5], cross: true });
+  }
+
+  drawPool(c) {
+    const { length_x_m, length_y_m } = this.system.pool;
+    const [width, height] = [length_x_m * this.scale, length_y_m * this.scale];
+    const water = c.createRadialGradient(this.px(length_x_m / 2), this.py(length_y_m / 2), 0, this.px(length_x_m / 2), this.py(length_y_m / 2), width * 0.7);
+    water.addColorStop(0, "#10303d");
+    water.addColorStop(1, "#0c2430");
+    c.fillStyle = water;
+    c.fillRect(this.left, this.top, width, height);
+    c.font = "11px system-ui, sans-serif";
+    c.textAlign = "center";
+    c.textBaseline = "middle";
+    for (const vertical of [true, false]) {
+      const length = vertical ? length_x_m : length_y_m;
+      for (let i = 0; i <= length * 2 + 1e-9; i++) {
+        const at = vertical ? this.px(i / 2) : this.py(i / 2);
+        c.strokeStyle = i % 2 ? "rgba(140,190,210,0.07)" : "rgba(140,190,210,0.16)";
+        line(c, vertical ? [at, this.top, at, this.top + height] : [this.left, at, this.left + width, at]);
+        if (i % 2) continue;
+        c.fillStyle = "#7f97a5";
+        if (vertical) c.fillText(String(i / 2), at, this.top + height + 12);
+        else c.fillText(String(i / 2), this.left - 11, at);
+      }
+    }
+    c.fillText("x, m", this.px(length_x_m) - 10, this.top + height + 25);
+    c.fillText("y, m", this.left + 20, this.py(length_y_m) - 10);
+    c.strokeStyle = "#3c6474";
+    c.lineWidth = 2;
+    c.strokeRect(this.left, this.top, width, height);
+  }
+
+  drawTrail(c) {
+    const track = this.store.variables.get("navigation/state");
+    const [xs, ys] = [track?.series.get("x_m"), track?.series.get("y_m")];
+    if (!xs || !ys) return;
+    const end = track.times.at(-1);
+    const chunks = 6;
+    let index = track.times.findIndex((t) => t > end - TRAIL_S);
+    c.strokeStyle = COLOURS.estimate;
+    c.lineWidth = 1.6;
+    for (let chunk = 1; chunk <= chunks; chunk++) {
+      c.globalAlpha = (0.7 * chunk) / chunks;
+      c.beginPath();
+      for (const until = end - TRAIL_S * (1 - chunk / chunks); index < xs.length; index += 2) {
+        c.lineTo(this.px(xs[index]), this.py(ys[index]));
+        if (track.times[index] > until) break;
+      }
+      c.stroke();
+    }
+    c.globalAlpha = 1;
+  }
+
+  drawLeg(c, from, to) {
+    c.strokeStyle = COLOURS.reference;
+    c.globalAlpha = 0.5;
+    c.setLineDash([2, 5]);
+    line(c, [this.px(from.x_m), this.py(from.y_m), this.px(to.x_m), this.py(to.y_m)]);
+    c.setLineDash([]);
+    c.globalAlpha = 1;
+  }
+
+  /** Work in the vessel's frame {B}, in metres: x forward, y to starboard. */
+  inBody(c, pose, work) {
+    c.save();
+    c.translate(this.px(pose.x_m), this.py(pose.y_m));
+    c.rotate(pose.psi_rad);
+    c.scale(this.scale, this.scale);
+    work();
+    c.restore();
+  }
+
+  hull(c) {
+    const r = this.system.radius_m;
+    c.beginPath();
+    c.moveTo(r * 1.25, 0);
+    c.arc(0, 0, r, 0.55, 2 * Math.PI - 0.55);
+    c.closePath();
+  }
+
+  drawShape(c, pose, { stroke, width, alpha = 1, dash = [], cross = false }) {
+    this.inBody(c, pose, () => {
+      c.globalAlpha = alpha;
+      c.strokeStyle = stroke;
+      c.lineWidth = width / this.scale;
+      c.setLineDash(dash.map((d) => d / this.scale));
+      this.hull(c);
+      c.stroke();
+      c.setLineDash([]);
+      const r = this.system.radius_m;
+      line(c, cross ? [-r * 0.35, 0, r * 0.9, 0] : [r * 0.55, 0, r * 0.95, 0]);
+      if (cross) line(c, [0, -r * 0.35, 0, r * 0.35]);
+    });
+  }
+
+  drawVessel(c, state) {
+    const lost = state.status === "lost" || state.status === "initialising" || !this.store.fresh("navigation/state", 1);
+    this.inBody(c, state, () => {
+      this.hull(c);
+      c.fillStyle = lost ? "rgba(120,130,140,0.35)" : "rgba(79,195,223,0.22)";
+      c.fill();
+      c.strokeStyle = lost ? "#84919b" : COLOURS.estimate;
+      c.lineWidth = 2 / this.scale;
+      c.stroke();
+      const r = this.system.radius_m;
+      line(c, [0, 0, r * 1.05, 0]);
+      this.drawThrusters(c);
+    });
+    c.fillStyle = lost ? "#84919b" : COLOURS.estimate;
+    c.beginPath();
+    c.arc(this.px(state.x_m), this.py(state.y_m), 3, 0, 7);
+    c.fill();
+    this.drawPush(c, state);
+  }
+
+  /** Arrows along the force of each thruster on the vessel, full length at full command. */
+  drawThrusters(c) {
+    const commands = this.store.fresh("actuator/command", 1)?.commands ?? {};
+    const full = this.system.radius_m * 0.9;
+    for (const { name, x_m, y_m, angle_rad, n_max } of this.system.thrusters) {
+      c.fillStyle = "#56707e";
+      c.beginPath();
+      c.arc(x_m, y_m, 0.025, 0, 7);
+      c.fill();
+      const part = (commands[name] ?? 0) / n_max;
+      if (Math.abs(part) < 0.02) continue;
+      const angle = part > 0 ? angle_rad : angle_rad + Math.PI;
+      arrow(c, x_m, y_m, angle, full * Math.abs(part), COLOURS.thrust, 2 / this.scale, 6 / this.scale);
+    }
+  }
+
+  /** The estimated disturbance; its length grows with the root, so that a small one is still seen. */
+  drawPush(c, { x_m, y_m, disturbance_x_n: fx, disturbance_y_n: fy }) {
+    const force = Math.hypot(fx ?? 0, fy ?? 0);
+    if (force < 0.005) return;
+    const strongest = Math.max(...this.system.thrusters.map((t) => t.k_t * t.n_max ** 2));
+    const length = this.scale * this.system.radius_m * (0.8 + 2 * Math.sqrt(Math.min(1, force / strongest)));
+    const angle = Math.atan2(fy, fx);
+    const [x, y] = [this.px(x_m), this.py(y_m)];
+    arrow(c, x, y, angle, length, COLOURS.push, 2, 8);
+    c.fillStyle = COLOURS.push;
+    c.fillText(`${fixed(force, force < 0.1 ? 3 : 2)} N`, x + Math.cos(angle) * (length + 24), y + Math.sin(angle) * (length + 14));
+  }
+}
+
+function line(c, [x1, y1, x2, y2]) {
+  c.beginPath();
+  c.moveTo(x1, y1);
+  c.lineTo(x2, y2);
+  c.stroke();
+}
+
+function arrow(c, x, y, angle, length, colour, width, head) {
+  c.save();
+  c.translate(x, y);
+  c.rotate(angle);
+  c.strokeStyle = c.fillStyle = colour;
+  c.lineWidth = width;
+  line(c, [0, 0, Math.max(0, length - head), 0]);
+  c.beginPath();
+  c.moveTo(length, 0);
+  c.lineTo(length - head, head * 0.5);
+  c.lineTo(length - head, -head * 0.5);
+  c.fill();
+  c.restore();
+}
