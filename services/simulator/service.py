@@ -132,7 +132,8 @@ class Simulator(Service):
             self._state_path.unlink(missing_ok=True)
 
     def _talk(self, now_s: float) -> None:
-        answer = self._firmware.feed(self._port.read(), now_s) or self._firmware.poll(now_s)
+        data = self._port.read()
+        answer = (data and self._firmware.feed(data, now_s)) or self._firmware.poll(now_s)
         if answer:
             if self._flips:
                 self._flips -= 1
@@ -140,7 +141,7 @@ class Simulator(Service):
             self._port.write(answer)
 
     def _look(self, now_ns: int, now_s: float) -> None:
-        x, y, psi, u, v, r = self._world.at(now_ns)
+        x, y, psi, u, v, r = self._world.state
         if self._renderer is not None and self._frames is not None:
             lost = self._random.random() < self._camera.dropout
             if not lost:

@@ -12,11 +12,11 @@ from marine.dynamics.uncoupled import Tau, UncoupledModel
 from marine.frames import to_body, to_tank, wrap_angle
 from marine.vessel import Vessel
 
-STEP_NS = 10_000_000
-_STEP_S = STEP_NS * 1e-9
-_GUST_STEPS = 10
-"""The varying current changes every 0.1 s: slow against its correlation time, quick against the vessel."""
-_LONGEST_GAP_NS = 500_000_000
+LONGEST_STEP_NS = 20_000_000
+"""The quickest motion takes seconds: one Runge-Kutta step of 20 ms errs by less than 1 nm."""
+LONGEST_GAP_NS = 500_000_000
+_GUST_NS = 100_000_000
+"""The varying current changes every 0.1 s: often against its correlation time, seldom against the vessel."""
 
 
 @dataclass(frozen=True)
@@ -30,10 +30,9 @@ class Current:
 
 
 class World:
-    """The true state, on a fixed grid of time: the same commands at the same times give the same bits.
+    """The true state. The same commands at the same times give the same bits.
 
-    Commands act from the next point of the grid (every 10 ms). `state` is that of the grid, `at` gives any time up to
-    one step ahead. A pause of more than 0.5 s (the process was stopped) stops the world's time, too.
+    A pause of more than 0.5 s (the process was stopped) stops the world's time, too.
     """
 
     def __init__(self, vessel: Vessel, current: Current, seed: int, state: State, now_ns: int) -> None:
@@ -46,9 +45,9 @@ class World:
         self._vessel = vessel
         self._model = UncoupledModel(vessel.model)
         self._random = random.Random(seed)
-        self._grid = now_ns // STEP_NS
-        dt_s = _GUST_STEPS * _STEP_S
-        self._fading = math.exp(-dt_s / current.correlation_s)
+        self._now_ns = now_ns
+        self._gust_ns = now_ns
+        self._fading = math.exp(-_GUST_NS * 1e-9 / current.correlation_s)
         self._gust_m_s = current.std_m_s * math.sqrt(1.0 - self._fading**2)
         self._commands: dict[str, float] = {}
         self._columns = [
@@ -85,29 +84,22 @@ class World:
         self.tau = (X, Y, N)
 
     def advance(self, now_ns: int) -> None:
-        """Let the world go on to the last point of the grid that is not after now."""
-        grid = now_ns // STEP_NS
-        if not 0 <= (grid - self._grid) * STEP_NS <= _LONGEST_GAP_NS:
-            self._grid = grid
-        while self._grid < grid:
-            self.state = self._step(self.state, _STEP_S)
-            self._grid += 1
-            if self._grid % _GUST_STEPS == 0 and self._gust_m_s:
-                self._blow()
-
-    def at(self, now_ns: int) -> State:
-        """Return the state at a time within one step after the last `advance`; the grid stays where it is."""
-        ahead_s = (now_ns - self._grid * STEP_NS) * 1e-9
-        return self._step(self.state, ahead_s) if ahead_s > 0.0 else self.state
+        """Let the world go on to now, with the commands as they are."""
+        if not 0 <= now_ns - self._now_ns <= LONGEST_GAP_NS:
+            self._now_ns = self._gust_ns = now_ns
+        while self._now_ns < now_ns:
+            step_ns = min(now_ns - self._now_ns, LONGEST_STEP_NS)
+            x, y, psi, u, v, r = self._model.step(self.state, step_ns * 1e-9, self.tau, self.current_m_s)
+            self.state = self._within_walls((x, y, wrap_angle(psi), u, v, r))
+            self._now_ns += step_ns
+        while self._gust_m_s and self._gust_ns + _GUST_NS <= now_ns:
+            self._gust_ns += _GUST_NS
+            self._blow()
 
     def displace(self, x_m: float, y_m: float, psi_rad: float) -> None:
         """Move the vessel at once, as a hand does; the walls hold."""
         x, y, psi, u, v, r = self.state
         self.state = self._within_walls((x + x_m, y + y_m, wrap_angle(psi + psi_rad), u, v, r))
-
-    def _step(self, state: State, dt_s: float) -> State:
-        x, y, psi, u, v, r = self._model.step(state, dt_s, self.tau, self.current_m_s)
-        return self._within_walls((x, y, wrap_angle(psi), u, v, r))
 
     def _within_walls(self, state: State) -> State:
         """Stop the part of the velocity that goes into a wall: an inelastic, frictionless contact of a round hull."""
