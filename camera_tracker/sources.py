@@ -209,6 +209,8 @@ class CameraSource(Source):
         if frame is not None:
             self.dropped += frame.index - self._last - 1
             self._last = frame.index
+            if error:  # after the last frame, the next call tells it
+                os.eventfd_write(self._event, 1)
         elif error:
             raise SourceError(error)
         return frame

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from camera_tracker.config import Colour
 from camera_tracker.sources import Image
+from marine.frames import wrap_angle
 
 Mask = NDArray[np.uint8]
 
@@ -199,7 +200,7 @@ def _patch(m: dict[str, float], box: Region, contrast: float, clipped: bool) -> 
     third = c**3 * m["mu30"] + 3 * c * c * s * m["mu21"] + 3 * c * s * s * m["mu12"] + s**3 * m["mu03"]
     skew = third / area / max(large, 1e-9) ** 1.5
     if skew < 0:  # the long tail, where the outline is thin, lies the other way
-        axis_rad, skew = math.remainder(axis_rad + math.pi, math.tau), -skew
+        axis_rad, skew = wrap_angle(axis_rad + math.pi), -skew
     return Patch(
         x_px=m["m10"] / area + box.x0,
         y_px=m["m01"] / area + box.y0,
@@ -241,7 +242,7 @@ def pose_of_pair(
     return Detection(
         x_px=0.5 * (front.x_px + rear.x_px),
         y_px=0.5 * (front.y_px + rear.y_px),
-        psi_rad=wrap(math.atan2(dy, dx) + heading_rad),
+        psi_rad=wrap_angle(math.atan2(dy, dx) + heading_rad),
         quality=quality,
         reason=reason,
         heading_ambiguous=False,
@@ -260,7 +261,7 @@ def pose_of_patch(patch: Patch, *, area_px2: float | None, heading_rad: float) -
     return Detection(
         x_px=patch.x_px,
         y_px=patch.y_px,
-        psi_rad=wrap(patch.axis_rad + heading_rad),
+        psi_rad=wrap_angle(patch.axis_rad + heading_rad),
         quality=quality,
         reason=reason,
         heading_ambiguous=ambiguous,
@@ -280,12 +281,6 @@ def _checks(patches: list[Patch], area_px2: float | None) -> list[tuple[float, s
 def _worst(checks: list[tuple[float, str]]) -> tuple[float, str]:
     quality, reason = min(checks)
     return quality, reason if quality < 0.8 else ""
-
-
-def wrap(angle_rad: float) -> float:
-    """Return an angle in (-pi, pi]."""
-    wrapped = math.remainder(angle_rad, math.tau)
-    return math.pi if wrapped == -math.pi else wrapped
 
 
 def _mask(image: Any) -> Mask:
