@@ -121,7 +121,8 @@ class Page(Service):
             listener = socket.create_server((host, port), family=family, backlog=64)
         except OSError as error:
             if not self.note:
-                self.note = f"cannot listen on {host}:{port}: {error.strerror}; trying again every {_RETRY_S:.0f} s"
+                reason = os.strerror(error.errno) if error.errno else str(error)
+                self.note = f"cannot listen on {host}:{port}: {reason}; trying again every {_RETRY_S:.0f} s"
                 self.log.error("%s", self.note)
             self._retry_s = now_s + _RETRY_S
             return

@@ -145,7 +145,7 @@ class Session:
             case JoystickMessage():
                 self._stick(message.surge, message.sway, message.heave, message.yaw)
             case ModeMessage():
-                self._wants_lease = True
+                self._wants_lease = message.mode != "stop"
                 self._request(message.request_id, "mode", **message.model_dump(exclude={"type", "request_id"}))
             case RenewMessage():
                 self._wants_lease = True
@@ -224,14 +224,11 @@ def may_connect(origin: str | None, host: str, names: tuple[str, ...] = ()) -> b
     """
     if origin is None:
         return True
-    if urlsplit(origin).netloc != host:
+    if origin.partition("://")[2] != host:
         return False
-    name = urlsplit(f"//{host}").hostname or ""
     own = socket.gethostname().lower()
-    if name in {"localhost", own, f"{own}.local", *names}:
-        return True
     try:
-        ipaddress.ip_address(name)
+        name = urlsplit(f"//{host}").hostname or ""
+        return name in {"localhost", own, f"{own}.local", *names} or bool(ipaddress.ip_address(name))
     except ValueError:
         return False
-    return True

@@ -63,7 +63,7 @@ class FakeHelm(Service):
                 self._release()
             return ""
         if other and not request.take and request.mode != "stop":
-            return f"held by {self.wanted.holder}"
+            return f"{self.wanted.holder} has the helm: take over to act"
         lease = {"holder": request.client, "attended": True, "lease_expires_ns": now_ns + round(request.lease_s * NS)}
         if request.action == "mode":
             fields = request.model_dump(include={"mode", "x_m", "y_m", "psi_rad"})
@@ -123,8 +123,8 @@ class FakeVessel(Service):
         if helm is not None and helm.mode == "manual":
             if stick is not None:
                 u, v, r = 0.36 * stick.surge, 0.36 * stick.sway, 1.9 * stick.yaw
-        elif helm is not None and helm.mode == "hold" and helm.x_m is not None and helm.y_m is not None:
-            ex, ey = helm.x_m - self.x, helm.y_m - self.y
+        elif helm is not None and helm.mode == "hold":
+            ex, ey = (helm.x_m or self.x) - self.x, (helm.y_m or self.y) - self.y
             u = math.cos(self.psi) * ex + math.sin(self.psi) * ey
             v = -math.sin(self.psi) * ex + math.cos(self.psi) * ey
             r = math.remainder((helm.psi_rad or 0.0) - self.psi, math.tau)

@@ -49,14 +49,14 @@ export class CameraView {
     c.save();
     c.translate((x_px + 0.5) * k, (y_px + 0.5) * k); // pixel centres are integers
     c.rotate(psi_rad);
-    c.lineWidth = 2.5 * k;
+    c.lineWidth = 3.5 * k;
     c.strokeStyle = quality > 0.7 ? "#7dffb0" : quality > 0.3 ? "#ffd166" : "#ff6b6b";
     c.beginPath();
     c.moveTo(-r, 0);
     c.lineTo(2.6 * r, 0);
-    c.moveTo(2.6 * r - 10 * k, -6 * k);
+    c.moveTo(2.6 * r - 14 * k, -8 * k);
     c.lineTo(2.6 * r, 0);
-    c.lineTo(2.6 * r - 10 * k, 6 * k);
+    c.lineTo(2.6 * r - 14 * k, 8 * k);
     c.moveTo(0, -r);
     c.lineTo(0, r);
     c.stroke();

@@ -6,7 +6,7 @@ export const wrapDeg = (deg) => deg - 360 * Math.ceil((deg - 180) / 360);
 
 /** A number with as many digits as help, never jumping about in width more than it must. */
 export function number(value) {
-  if (Number.isInteger(value)) return String(value);
+  if (Number.isInteger(value)) return String(value).replace("-", "−");
   const size = Math.abs(value);
   if (size !== 0 && size < 0.001) return value.toExponential(2);
   return value.toFixed(size < 1 ? 4 : size < 100 ? 3 : 1).replace("-", "−");

@@ -10,8 +10,8 @@ export class Health {
     Object.assign(this, { store, link, system });
     this.element = document.querySelector("#health");
     this.devices = h("div", { class: "devices" });
-    this.table = h("table", {}, h("thead", {}, h("tr", {}, ...["Service", "State", "Rate", "Step, ms", "Late", "Bad", "Gaps", "Beat"].map((name) => h("th", {}, name)))));
-    this.element.append(this.devices, this.table);
+    this.table = h("table", {}, h("thead", {}, h("tr", {}, ...["Service", "State", "Rate", "Step, ms", "Late", "Bad", "Gaps"].map((name) => h("th", {}, name)))));
+    this.element.append(this.table, this.devices);
     this.rows = new Map();
   }
 
@@ -26,7 +26,7 @@ export class Health {
     if (!heartbeat) return { state: "not seen", level: "off" };
     const silentS = (performance.now() - this.store.variables.get(beat(name)).receivedAt) / 1000;
     if (heartbeat.state === "stopping") return { state: "stopped", level: "off" };
-    if (silentS > DEAD_S) return { state: "silent", level: "error" };
+    if (silentS > DEAD_S) return { state: `silent ${age(silentS)}`, level: "error" };
     return { state: heartbeat.state, level: heartbeat.note || heartbeat.state !== "running" ? "warn" : "ok" };
   }
 
@@ -38,8 +38,8 @@ export class Health {
   }
 
   addRow(name) {
-    const cells = Array.from({ length: 7 }, () => h("td", { class: "num" }));
-    const note = h("td", { colspan: "8" });
+    const cells = Array.from({ length: 6 }, () => h("td", { class: "num" }));
+    const note = h("td", { colspan: "7" });
     const row = { cells, note, body: h("tbody", { "data-service": name }, h("tr", {}, h("th", { scope: "row" }, name), ...cells), h("tr", { class: "note", hidden: true }, note)) };
     const next = [...this.table.tBodies].find((body) => body.dataset.service > name);
     this.table.insertBefore(row.body, next ?? null);
@@ -52,7 +52,7 @@ export class Health {
     const b = this.store.get(beat(name)) ?? {};
     body.dataset.level = level;
     const step = b.pid === undefined ? "" : `${fixed(b.step_mean_ms, 1)} / ${fixed(b.step_max_ms, 1)}`;
-    const shown = [state, rate(b.rate_hz), step, b.late_steps, b.malformed, b.gaps, b.pid === undefined ? "" : age(this.store.ageS(beat(name)))];
+    const shown = [state, rate(b.rate_hz), step, b.late_steps, b.malformed, b.gaps];
     shown.forEach((value, i) => text(cells[i], String(value ?? "")));
     for (const i of [3, 4, 5]) cells[i].classList.toggle("warn", shown[i] > 0);
     text(note, b.note ?? "");

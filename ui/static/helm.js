@@ -39,20 +39,16 @@ export class Helm {
     toast("No connection. Stop is sent as soon as there is one.", { level: "error" });
   }
 
-  manual(take = false) {
-    this.ask("manual", {}, take);
+  manual() {
+    this.ask("manual");
   }
 
-  hold(take = false, pose = this.reference.chosen ?? this.pose()) {
-    if (pose) this.ask("hold", { x_m: pose.x_m, y_m: pose.y_m, psi_rad: pose.psi_rad }, take);
-    else toast("Hold: the position is not known yet.", { level: "error" });
+  /** Hold the chosen place; what is not named is where the vessel is now, as the helm knows best. */
+  hold() {
+    this.ask("hold", this.reference.chosen ?? {});
   }
 
-  pose() {
-    return this.store.fresh("navigation/state", 1);
-  }
-
-  ask(mode, pose, take) {
+  ask(mode, pose = {}, take = false) {
     if (!this.link.send(this.request(mode, pose, take))) toast("No connection to the server.", { level: "error" });
   }
 

@@ -4,9 +4,9 @@ const RETRY_MS = 500;
 const SILENT_MS = 2000;
 
 export class Link {
-  /** onFrame(frame), onImage(key, header, jpeg: Blob), onOpen() */
-  constructor({ onFrame, onImage, onOpen }) {
-    Object.assign(this, { onFrame, onImage, onOpen });
+  /** onFrame(frame), onImage(key, header, jpeg: Blob) */
+  constructor({ onFrame, onImage }) {
+    Object.assign(this, { onFrame, onImage });
     this.client = "";
     this.frameAt = -Infinity; // performance.now() of the last frame
     this.connectedOnce = false;
@@ -27,7 +27,6 @@ export class Link {
       this.connectedOnce = true;
       if (this.afterReconnect) this.send(this.afterReconnect);
       this.afterReconnect = null;
-      this.onOpen();
     };
     socket.onmessage = (event) => this.receive(event.data);
     this.socket = socket;

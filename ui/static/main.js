@@ -35,7 +35,7 @@ function unitOf(key, path) {
 }
 
 const store = new Store();
-const link = new Link({ onFrame, onImage, onOpen: () => {} });
+const link = new Link({ onFrame, onImage });
 const reference = new Reference(system, acting);
 const helm = new Helm(link, store, reference);
 const map = new PoolMap(store, system, reference);
@@ -80,6 +80,7 @@ setInterval(() => {
     sent = driving ? wanted : CENTRE;
     link.send({ type: "joystick", ...sent });
   }
+  sticks.driving = driving;
   document.querySelector("#sticks-panel").dataset.active = driving;
   const moved = Object.values(wanted).some(Boolean);
   text(document.querySelector("#stick-note"), driving ? `sending${sticks.gamepadName ? ` · ${sticks.gamepadName}` : ""}` : moved ? "not sent: press Manual first" : "acts in Manual");

@@ -4,6 +4,8 @@ import { fixed } from "./format.js";
 
 const TRAIL_S = 60;
 const DRAG_PX = 12;
+const BOW = 1.25; // as drawn, in radii
+const [WIDE, HIGH] = [34, 42]; // room for the numbers at the walls, in px
 export const COLOURS = { estimate: "#4fc3df", reference: "#f2b84b", truth: "#a99bf5", push: "#ff8a65", thrust: "#8ee6a4" };
 
 export class PoolMap {
@@ -11,19 +13,24 @@ export class PoolMap {
     Object.assign(this, { store, system, reference });
     this.canvas = document.querySelector("#map");
     this.context = this.canvas.getContext("2d");
-    this.canvas.style.aspectRatio = `${system.pool.length_x_m + 0.5} / ${system.pool.length_y_m + 0.5}`;
     this.listen();
-    new ResizeObserver(() => this.draw()).observe(this.canvas);
+    new ResizeObserver(() => this.resize()).observe(this.canvas);
   }
 
   // --- geometry
 
+  resize() {
+    const { length_x_m, length_y_m } = this.system.pool;
+    this.canvas.style.height = `${((this.canvas.clientWidth - WIDE) * length_y_m) / length_x_m + HIGH}px`;
+    this.draw();
+  }
+
   fit() {
     const { length_x_m, length_y_m } = this.system.pool;
     const { clientWidth: width, clientHeight: height } = this.canvas;
-    this.scale = Math.min((width - 44) / length_x_m, (height - 40) / length_y_m);
-    this.left = (width - length_x_m * this.scale) / 2 + 8;
-    this.top = (height - length_y_m * this.scale) / 2 - 6;
+    this.scale = Math.min((width - WIDE) / length_x_m, (height - HIGH) / length_y_m);
+    this.left = (width - WIDE - length_x_m * this.scale) / 2 + 24;
+    this.top = 8;
   }
 
   px(x_m) {
@@ -169,9 +176,10 @@ export class PoolMap {
 
   hull(c) {
     const r = this.system.radius_m;
+    const flank = Math.acos(1 / BOW); // where the tangents from the bow touch the round hull
     c.beginPath();
-    c.moveTo(r * 1.25, 0);
-    c.arc(0, 0, r, 0.55, 2 * Math.PI - 0.55);
+    c.moveTo(r * BOW, 0);
+    c.arc(0, 0, r, flank, 2 * Math.PI - flank);
     c.closePath();
   }
 

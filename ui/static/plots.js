@@ -1,7 +1,7 @@
 // Live plots of chosen variables. Drawn at most 8 times a second, and only while they are on the screen.
 
 import uPlot from "./vendor/uPlot/uPlot.esm.js";
-import { DEG, h, number, text } from "./format.js";
+import { DEG, fixed, h, number, text } from "./format.js";
 
 const COLOURS = ["#4fc3df", "#f2b84b", "#8ee6a4", "#ff8a65", "#a99bf5", "#f28bb0", "#d5dde3", "#c3d94e"];
 const PERIOD_MS = 125;
@@ -149,10 +149,11 @@ class Chart {
     const span = LEAST_SPAN[this.unit] ?? 1e-6;
     return {
       ...this.size(),
+      padding: [8, 10, 0, 0],
       legend: { show: false },
       cursor: { sync: { key: "starboard" }, drag: { x: false, y: false }, points: { show: false } },
       scales: { x: { time: true }, y: { range: (_, low, high) => padded(low, high, span) } },
-      axes: [{ ...axis, size: 24, space: 70 }, { ...axis, size: 46, space: 28 }],
+      axes: [{ ...axis, size: 24, space: 80, values: (_, times) => times.map(clock) }, { ...axis, size: 46, space: 28 }],
       series: [{}, ...this.pairs.map((_, i) => ({ stroke: COLOURS[i % COLOURS.length], width: 1.5, points: { show: false } }))],
     };
   }
@@ -198,7 +199,7 @@ class Chart {
         values[i] = values[i] === null || wraps ? null : values[i] * DEG;
       }
     const last = all.at(-1);
-    text(output, typeof last === "number" ? number(isAngle ? Math.round(last * DEG * 10) / 10 : last) : "–");
+    text(output, typeof last === "number" ? isAngle ? fixed(last * DEG, 1) : number(last) : "–");
     return values;
   }
 
@@ -208,6 +209,8 @@ class Chart {
     this.element.remove();
   }
 }
+
+const clock = (time) => new Date(time * 1000).toLocaleTimeString("en-GB");
 
 function padded(low, high, span) {
   if (low === null || low === undefined) return [-span, span];

@@ -13,7 +13,10 @@ export class Reference {
     this.fields = { x_m: this.field("#ref-x"), y_m: this.field("#ref-y"), psi_deg: this.field("#ref-psi") };
     this.clearButton = document.querySelector("#ref-clear");
     this.clearButton.onclick = () => this.clear();
-    document.querySelector("#reference").onsubmit = (event) => event.preventDefault();
+    document.querySelector("#reference").onsubmit = (event) => {
+      event.preventDefault();
+      document.activeElement?.blur();
+    };
   }
 
   field(selector) {

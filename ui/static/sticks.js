@@ -32,6 +32,7 @@ class Stick {
       element.classList.add("held");
       this.move(event);
       event.preventDefault();
+      document.activeElement?.blur(); // the keys drive now, they do not type
     });
     element.addEventListener("pointermove", (event) => event.pointerId === this.pointer && this.move(event));
     for (const end of ["pointerup", "pointercancel", "lostpointercapture"])
@@ -67,12 +68,13 @@ export class Sticks {
     this.yaw = new Stick(document.querySelector("#yaw-stick"), true);
     this.pressed = new Set();
     this.gentle = false;
+    this.driving = false; // whether the stick acts: only then are the arrow keys taken from scrolling
     this.gamepadName = "";
     addEventListener("keydown", (event) => {
       if (!(event.code in KEYS) || isTyping(event) || event.ctrlKey || event.altKey || event.metaKey) return;
       this.pressed.add(event.code);
       this.gentle = event.shiftKey;
-      event.preventDefault();
+      if (this.driving) event.preventDefault();
     });
     addEventListener("keyup", (event) => {
       this.pressed.delete(event.code);

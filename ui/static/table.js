@@ -32,7 +32,7 @@ export class Table {
   add(key) {
     const { doc } = this.describe(key, "");
     const group = { body: h("tbody", { "data-key": key }), age: h("td", { class: "num" }), rate: h("td", { class: "num" }), rows: new Map() };
-    group.body.append(h("tr", { class: "group", title: doc }, h("th", { colspan: "3", scope: "rowgroup" }, key), group.age, group.rate));
+    group.body.append(h("tr", { class: "group", title: doc }, h("th", { scope: "rowgroup" }, key), group.age, group.rate, h("td"), h("td")));
     const next = [...this.element.tBodies].find((body) => body.dataset.key > key);
     this.element.insertBefore(group.body, next ?? null);
     this.groups.set(key, group);
@@ -43,7 +43,7 @@ export class Table {
     const { unit, doc } = this.describe(key, path);
     const button = h("button", { type: "button", disabled: true, title: doc || `plot ${key} ${path}`, onclick: () => this.plots.toggle(key, path) }, path);
     const value = h("td", { class: "num" });
-    const element = h("tr", { "data-path": path }, h("td", {}, button), value, h("td", { class: "unit" }, unit), h("td"), h("td"));
+    const element = h("tr", { "data-path": path }, h("td", { colspan: "3" }, button), value, h("td", { class: "unit" }, unit));
     group.body.append(element);
     const row = { element, button, value, search: `${key} ${path} ${unit}`.toLowerCase() };
     group.rows.set(path, row);
