@@ -36,9 +36,9 @@ def track(
     """Find vehicles by their coloured patches in a recording or a camera; Ctrl-C ends a camera."""
     import cv2
 
-    from bus.config import Deployment
     from camera_tracker.sources import SourceError, open_source
     from camera_tracker.tracking import Tracker
+    from services.catalog import run_dir
 
     cv2.setNumThreads(1)
     tracker_config = _read_config(config)
@@ -46,7 +46,7 @@ def track(
     names = [vehicle.name for vehicle in tracker_config.vehicles]
     results: list[dict[str, Any]] = []
     try:
-        pictures = open_source(source, Deployment().run_dir)
+        pictures = open_source(source, run_dir())
         total = frames or pictures.frames_total
         with _drawing(show, pictures) as draw, _progress(as_json, total) as advance:
             for frame in _frames(pictures, frames):
@@ -138,7 +138,8 @@ def _print_summary(source: str, summary: dict[str, Any]) -> None:
     from rich.table import Table
 
     console = Console()
-    table = Table("vehicle", title=f"{source}: {summary['frames']} frames", title_justify="left")
+    console.print(f"{source}: {summary['frames']} frames", soft_wrap=True, highlight=False)
+    table = Table("vehicle")
     for column in ("found", "median step px", "median step deg"):
         table.add_column(column, justify="right")
     for vehicle in summary["vehicles"]:
