@@ -132,7 +132,7 @@ class PlatformLink(Service):
                 gap = (message.seq - self._last.seq - 1) & 0xFFFF
                 self._lost += gap if gap < _RESTART_GAP else 0
             if message.answer:
-                self._round_trip_s = ((int(now_s * 1e6) - message.echo_us) & 0xFFFFFFFF) * 1e-6
+                self._round_trip_s = ((int(now_s * 1e6) - message.echo_us) & 0xFFFFFFFF) / 1e6
             self._last = message
             self._received += 1
             self._received_s = now_s

@@ -12,6 +12,8 @@ import typer
 from services.cli.errors import CliError
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from logs.reader import Recording
 
 app = typer.Typer(no_args_is_help=True, help="Look into recordings, repair them.", rich_markup_mode=None)
@@ -42,9 +44,9 @@ def list_recordings(
             continue
         size = f"{row['size_bytes'] / 1e6:.1f} MB"
         start = row["start"][:19].replace("T", " ")
-        complete = "yes" if row["complete"] else "no (still recording, or cut off)"
+        complete = "yes" if row["complete"] else "no end"
         table.add_row(row["file"], start, f"{row['duration_s']:.1f} s", size, str(row["messages"]), complete)
-    Console().print(table)
+    _wide(Console()).print(table)
 
 
 @app.command()
@@ -60,9 +62,9 @@ def info(file: File, as_json: Json = False) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    console = Console()
+    console = _wide(Console())
     for name, value in (recording.metadata.get("starboard", {}) | about).items():
-        console.print(f"{name:28}{value}", highlight=False, markup=False)
+        console.print(f"{name:32}{value}", highlight=False, markup=False)
     table = Table("topic", "message", "messages", "rate Hz")
     for row in rows:
         table.add_row(row["key"], row["schema"], str(row["messages"]), f"{row['rate_hz']:.2f}")
@@ -83,6 +85,12 @@ def recover(
         raise CliError(str(error)) from None
     damaged = f", {done.damaged_chunks} damaged chunks left out" if done.damaged_chunks else ""
     print(f"{done.path}: {done.messages} messages{damaged}")
+
+
+def _wide(console: Console) -> Console:
+    """Let a table be wider than a narrow terminal or pipe rather than cut names off."""
+    console.width = max(console.width, 100)
+    return console
 
 
 def _open(path: Path) -> Recording:

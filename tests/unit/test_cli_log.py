@@ -11,7 +11,7 @@ from services.cli.log import app
 
 
 def call(*arguments: str | Path) -> Result:
-    return CliRunner().invoke(app, [str(a) for a in arguments], env={"COLUMNS": "200"})
+    return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ def test_list(folder: Path) -> None:
     assert (cut["complete"], cut["messages"]) == (False, 11)
     table = call("list", folder).stdout
     assert [line.split("│")[-2].strip() for line in table.splitlines() if ".mcap" in line] == [
-        "no (still recording, or cut off)",
+        "no end",
         "is no MCAP file",
         "yes",
     ]
