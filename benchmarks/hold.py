@@ -62,7 +62,7 @@ def measure() -> list[Result]:
 
 def step_figures(response: list[tuple[float, float]], start: float, end: float) -> tuple[float, float]:
     """Return (overshoot as part of the step, time in s until it stays within BAND_M) of a response (s, m)."""
-    overshoot = max(0.0, max((x - end) / (end - start) for _, x in response))
+    overshoot = max(0.0, *((x - end) / (end - start) for _, x in response))
     outside = [t for t, x in response if abs(x - end) > BAND_M]
     return overshoot, (max(outside) if outside else response[0][0]) - response[0][0]
 

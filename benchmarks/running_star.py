@@ -147,9 +147,14 @@ class RunningStar:
 
     def hold(self, x_m: float, y_m: float, psi_rad: float, timeout_s: float = 20.0) -> None:
         """Ask for hold until it is granted: at the start the first pose may still be missing."""
-        wait_for(
-            lambda: self.request(mode="hold", x_m=x_m, y_m=y_m, psi_rad=psi_rad).accepted, timeout_s, "hold granted"
-        )
+
+        def granted() -> bool:
+            try:
+                return self.request(mode="hold", x_m=x_m, y_m=y_m, psi_rad=psi_rad, timeout_s=0.5).accepted
+            except TimeoutError:  # the helm may not listen yet
+                return False
+
+        wait_for(granted, timeout_s, "hold granted")
 
     def states(self) -> dict[str, dict[str, Any]]:
         """Return what the supervisor last wrote of each service, by name."""

@@ -26,6 +26,10 @@ FUTURE_TOLERANCE_S = 0.1
 """A stamp further ahead of the clock than this is absurd and its message never fresh."""
 
 
+BACKLOG = 8
+"""Samples kept between two steps by an input that wants only the latest: a malformed one must not hide a good one."""
+
+
 class RawSample(NamedTuple):
     """One message as it came: key without the vessel, payload, arrival time."""
 
@@ -57,7 +61,7 @@ class Input(Generic[M]):
         self.malformed = 0
         self.gaps = 0
         self.problem = ""
-        self._pending: deque[bytes | Message] = deque(maxlen=queue or 1)
+        self._pending: deque[bytes | Message] = deque(maxlen=queue or BACKLOG)
         self._taken: list[M] = []
         self._offered = 0
         self._seen = 0
@@ -239,7 +243,7 @@ class Service:
 def _own(port: Port) -> Port:
     fresh = copy.copy(port)
     if isinstance(fresh, Input):
-        fresh._pending = deque(maxlen=fresh.queue or 1)
+        fresh._pending = deque(maxlen=fresh.queue or BACKLOG)
         fresh._taken = []
     elif isinstance(fresh, RawInput):
         fresh._pending = deque()

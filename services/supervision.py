@@ -107,6 +107,7 @@ class Star(Supervisor):  # type: ignore[misc]
         self.tell = tell
         self.states: dict[str, ServiceState] = {}
         self._fed_s: dict[int, float] = {}
+        self._in_traceback: set[str] = set()
         self._notify = _notify_socket(run_dir / "notify")
 
     def runforever(self) -> None:
@@ -167,8 +168,17 @@ class Star(Supervisor):  # type: ignore[misc]
     def _on_stderr(self, event: events.ProcessLogStderrEvent) -> None:
         for line in event.data.decode(errors="replace").splitlines():
             if line.strip():
-                name = event.process.config.name
-                self.tell(name, _LOG_HEAD.sub("", line).removeprefix(f"{name}: "))
+                self._tell_line(event.process.config.name, line)
+
+    def _tell_line(self, name: str, line: str) -> None:
+        """Print a line of a service's log; of a traceback only the last line, the rest stays in the log."""
+        if line.startswith("Traceback"):
+            self._in_traceback.add(name)
+        elif name not in self._in_traceback:
+            self.tell(name, _LOG_HEAD.sub("", line).removeprefix(f"{name}: "))
+        elif not line.startswith(" "):
+            self._in_traceback.discard(name)
+            self.tell(name, f"{line} (traceback in {self.run_dir}/log/{name}.log)")
 
     def _read_notify(self) -> None:
         while True:

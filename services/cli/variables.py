@@ -133,7 +133,9 @@ def poke(
         fields = json.loads(value)
         header = {"stamp_ns": time.time_ns(), "source": "poke"}
         message = topic.message.model_validate(header | fields)
-    except (ValidationError, ValueError, TypeError) as error:
+    except json.JSONDecodeError as error:
+        raise CliError(f"{key}: the fields are no valid JSON: {error}") from None
+    except (ValidationError, TypeError) as error:
         known = ", ".join(topic.message.model_fields)
         raise CliError(f"{key}: {first_line(error)}; fields: {known}") from None
     with client(hub) as bus:

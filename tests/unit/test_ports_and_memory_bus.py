@@ -117,6 +117,16 @@ def test_a_message_of_the_wrong_type_is_malformed_too() -> None:
     assert port.updated
 
 
+def test_a_malformed_message_does_not_hide_the_good_one_before_it() -> None:
+    port = Input(topics.CONTROL_WRENCH)
+    port.offer(Wrench(surge_n=1.0).encode())
+    port.offer(b"nonsense")
+    port.refresh()
+    assert port.latest is not None
+    assert port.latest.surge_n == 1.0
+    assert port.malformed == 1
+
+
 def test_gaps_in_the_sequence_are_counted_but_not_overwritten_values() -> None:
     port = Input(topics.CONTROL_WRENCH)
     for seq in (0, 1, 2):
