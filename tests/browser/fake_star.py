@@ -125,9 +125,10 @@ class FakeVessel(Service):
                 u, v, r = 0.36 * stick.surge, 0.36 * stick.sway, 1.9 * stick.yaw
         elif helm is not None and helm.mode == "hold":
             ex, ey = (helm.x_m or self.x) - self.x, (helm.y_m or self.y) - self.y
+            ex, ey = 2.0 * ex, 2.0 * ey
             u = math.cos(self.psi) * ex + math.sin(self.psi) * ey
             v = -math.sin(self.psi) * ex + math.cos(self.psi) * ey
-            r = math.remainder((helm.psi_rad or 0.0) - self.psi, math.tau)
+            r = 2.0 * math.remainder((helm.psi_rad or 0.0) - self.psi, math.tau)
         elif self.circles:
             u, r = 0.25, 0.28
         self.nu = (u, v, r)

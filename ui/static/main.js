@@ -149,6 +149,8 @@ setInterval(() => {
 window.starboard = {
   /** Where a place in the pool is on the screen, in client pixels. */
   worldToMap: (x_m, y_m) => map.worldToClient(x_m, y_m),
+  /** Break the connection, as a bad network does. */
+  cut: () => link.socket.close(),
   /** What the page knows now. */
   get state() {
     return {

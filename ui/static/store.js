@@ -27,7 +27,7 @@ class Variable {
     if (!this.mark || this.mark.source !== source || seq < this.mark.seq) {
       this.mark = { seq, source, at: now };
       this.rate = NaN;
-    } else if (now - this.mark.at > 2000) {
+    } else if (now - this.mark.at > 1000) {
       this.rate = ((seq - this.mark.seq) * 1000) / (now - this.mark.at);
       this.mark = { seq, source, at: now };
     }

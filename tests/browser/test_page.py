@@ -1,0 +1,299 @@
+"""The page in headless Chromium against a made-up star: what an operator sees and does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, ViewportSize, expect, sync_playwright
+
+from bus import messages as m
+from bus import topics
+from bus.service import RawSample
+from tests.browser.fake_star import FakeStar, wait_for
+
+pytestmark = pytest.mark.browser
+
+DESK: ViewportSize = {"width": 1440, "height": 900}
+TABLET: ViewportSize = {"width": 1024, "height": 768}
+PHONE: ViewportSize = {"width": 390, "height": 844}
+ARGS = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+]
+
+
+CENTRE_OF_MARK = """pose => {
+  const canvas = document.querySelector("#camera");
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  const like = (i, ...rgb) => rgb.every((level, k) => Math.abs(data[i + k] - level) < 6);
+  let [x, y, count] = [0, 0, 0];
+  for (let i = 0; i < data.length; i += 4) {
+    if (!like(i, 0x7d, 0xff, 0xb0)) continue;  // the colour of a good pose
+    [x, y, count] = [x + (i / 4) % canvas.width, y + Math.floor(i / 4 / canvas.width), count + 1];
+  }
+  return count > 100 && Math.hypot(x / count - pose.x_px, y / count - pose.y_px) < 60;
+}"""
+"""Whether the mark drawn into the picture lies round the pose (its arrow reaches ahead)."""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=ARGS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def star() -> Iterator[FakeStar]:
+    with FakeStar().running() as star:
+        yield star
+
+
+@pytest.fixture
+def page(star: FakeStar, browser: Browser) -> Iterator[Page]:
+    with browser.new_context(viewport=DESK) as context:
+        yield open_page(context.new_page(), star)
+
+
+def open_page(page: Page, star: FakeStar) -> Page:
+    """Open the page; any error in its console fails the test at the next look."""
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("console", lambda line: errors.append(line.text) if line.type == "error" else None)
+    page.set_default_timeout(5000)
+    page.goto(star.url)
+    page.wait_for_function("window.starboard?.state.values['helm/state'] && starboard.state.values['navigation/state']")
+    assert errors == []
+    return page
+
+
+def snapshot(page: Page) -> dict[str, Any]:
+    state = page.evaluate("starboard.state")
+    assert isinstance(state, dict)
+    return state
+
+
+def press_at(page: Page, x_m: float, y_m: float, drag: tuple[float, float] | None = None) -> None:
+    at = page.evaluate(f"starboard.worldToMap({x_m}, {y_m})")
+    page.mouse.move(at["x"], at["y"])
+    page.mouse.down()
+    if drag is not None:
+        page.mouse.move(at["x"] + drag[0], at["y"] + drag[1], steps=4)
+    page.mouse.up()
+
+
+def centre(page: Page, selector: str) -> tuple[float, float]:
+    box = page.locator(selector).bounding_box()
+    assert box is not None
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def take_stick(page: Page) -> None:
+    page.click("#manual")
+    page.wait_for_function("starboard.state.driving")
+
+
+def push_stick(page: Page, selector: str, dx: float, dy: float) -> None:
+    x, y = centre(page, selector)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + dx, y + dy, steps=3)
+
+
+def test_a_click_and_hold_ends_at_that_place_with_the_dragged_heading(page: Page, star: FakeStar) -> None:
+    press_at(page, 1.4, 2.2, drag=(40.0, 40.0))
+    expect(page.locator("#ref-x")).to_have_value("1.4")
+    expect(page.locator("#ref-psi")).to_have_value("45")
+    page.click("#hold")
+    expect(page.locator("#mode")).to_have_text("holding")
+    wait_for(lambda: math.hypot(star.vessel.x - 1.4, star.vessel.y - 2.2) < 0.02, "the vessel is there", 10.0)
+    assert star.requests[0].psi_rad == pytest.approx(math.pi / 4, abs=0.01)
+    assert star.vessel.psi == pytest.approx(math.pi / 4, abs=0.05)
+
+
+def test_typed_numbers_choose_a_place_inside_the_pool(page: Page, star: FakeStar) -> None:
+    page.fill("#ref-x", "99")
+    page.fill("#ref-psi", "-270")
+    page.click("#hold")
+    wait_for(lambda: star.requests, "a request")
+    request = star.requests[0]
+    assert request.x_m == pytest.approx(5.0 - 0.3)
+    assert request.psi_rad == pytest.approx(math.pi / 2)
+
+
+def test_the_stick_drives_in_manual_and_is_let_go_with_the_button(page: Page, star: FakeStar) -> None:
+    push_stick(page, "#stick", 0.0, -60.0)
+    page.mouse.up()
+    assert star.joysticks == [], "outside manual nothing is sent"
+    take_stick(page)
+    star.vessel.psi = 0.0
+    start = star.vessel.x
+    push_stick(page, "#stick", 0.0, -60.0)
+    wait_for(lambda: star.vessel.x > start + 0.1, "the vessel moves ahead")
+    assert star.joysticks[-1].surge > 0.8
+    assert abs(star.joysticks[-1].sway) < 0.1
+    page.mouse.up()
+    wait_for(lambda: star.joysticks[-1].surge == 0.0, "zero", 0.5)
+    push_stick(page, "#yaw-stick", 60.0, 0.0)
+    wait_for(lambda: star.joysticks[-1].yaw > 0.5, "yaw to starboard")
+    page.mouse.up()
+
+
+def test_closing_the_tab_in_the_middle_of_a_drag_zeroes_the_stick(page: Page, star: FakeStar) -> None:
+    take_stick(page)
+    push_stick(page, "#stick", 50.0, 0.0)
+    wait_for(lambda: star.joysticks and star.joysticks[-1].sway > 0.5, "driving")
+    page.close()
+    wait_for(lambda: star.joysticks[-1].sway == 0.0, "zero", 1.0)
+    wait_for(lambda: star.helm.wanted.mode == "stop", "manual ends", 1.0)
+
+
+def test_keys_drive_and_losing_the_focus_lets_go(page: Page, star: FakeStar) -> None:
+    page.keyboard.press("m")
+    page.wait_for_function("starboard.state.driving")
+    page.keyboard.down("w")
+    page.keyboard.down("e")
+    wait_for(lambda: star.joysticks and (star.joysticks[-1].surge, star.joysticks[-1].yaw) == (1.0, 1.0), "W and E")
+    page.evaluate("window.dispatchEvent(new Event('blur'))")
+    wait_for(lambda: (star.joysticks[-1].surge, star.joysticks[-1].yaw) == (0.0, 0.0), "zero", 0.5)
+
+
+@pytest.mark.parametrize("key", ["Escape", "Space"])
+def test_stop_by_key_wins_over_the_focused_button(page: Page, star: FakeStar, key: str) -> None:
+    take_stick(page)  # the focus is on Manual now
+    page.keyboard.press(key)
+    wait_for(lambda: star.helm.wanted.mode == "stop", "stopped", 1.0)
+    expect(page.locator("#mode")).to_have_text("stopped")
+    assert [r.mode for r in star.requests if r.action == "mode"] == ["manual", "stop"]
+
+
+def test_the_page_that_has_the_helm_renews_and_another_must_take_over(
+    page: Page, star: FakeStar, browser: Browser
+) -> None:
+    take_stick(page)
+    wait_for(lambda: sum(r.action == "renew" for r in star.requests) >= 1, "a renewal")
+    with browser.new_context(viewport=TABLET) as context:
+        other = open_page(context.new_page(), star)
+        other.click("#manual")
+        expect(other.locator(".toast")).to_contain_text("has the helm")
+        assert not snapshot(other)["driving"]
+        other.get_by_role("button", name="Take over").click()
+        other.wait_for_function("starboard.state.driving")
+        assert not snapshot(page)["driving"]
+        page.click("#stop")  # needs no lease
+        wait_for(lambda: star.helm.wanted.mode == "stop", "stopped", 1.0)
+
+
+def test_every_field_is_in_the_table_with_its_unit_and_a_click_plots_it(page: Page) -> None:
+    row = page.locator('#vars [data-key="navigation/state"] [data-path="surge_m_s"]')
+    expect(row.locator(".unit")).to_have_text("m/s")
+    group = page.locator('#vars [data-key="navigation/state"] .group td')
+    expect(group.nth(1)).to_have_text("30 Hz")
+    charts = page.locator(".chart")
+    before = charts.count()
+    row.locator("button").click()
+    expect(charts).to_have_count(before + 1)
+    page.wait_for_function("[...document.querySelectorAll('.chart .series')].at(-1).textContent.includes('surge')")
+    page.fill("#vars-filter", "quality")
+    expect(row).to_be_hidden()
+    expect(page.locator('#vars [data-path="quality"]')).to_be_visible()
+    shown, sent = set(), snapshot(page)["values"]
+    page.fill("#vars-filter", "")
+    for key in sent:
+        shown |= {key for _ in range(page.locator(f'#vars [data-key="{key}"]').count())}
+    assert shown == set(sent)
+
+
+def test_the_camera_shows_the_picture_with_the_tracked_pose(page: Page, star: FakeStar) -> None:
+    star.vessel.circles = False  # it stands still, so that picture and pose are of one place
+    page.wait_for_function(f"({CENTRE_OF_MARK})(starboard.state.values['camera/pose'])")
+    expect(page.locator("#camera-note")).to_contain_text("quality 0.93")
+
+
+def test_services_devices_and_recording_are_shown(page: Page) -> None:
+    expect(page.locator("#recording")).to_contain_text("REC")
+    page.click("[data-tab=health]")
+    expect(page.locator('#health [data-service="helm"]')).to_have_attribute("data-level", "ok")
+    expect(page.locator('#health [data-service="allocator"]')).to_contain_text("not seen")
+    expect(page.locator("#health .devices")).to_contain_text("connected")
+
+
+def test_a_fault_goes_to_the_simulator(page: Page, star: FakeStar) -> None:
+    page.click("#faults-button")
+    page.fill('[data-kind="current"] [name="y_m_s"]', "-0.03")
+    page.click('[data-kind="current"] >> text=Begin')
+    wait_for(lambda: star.vessel.faults, "a fault")
+    fault = star.vessel.faults[0]
+    assert (fault.kind, fault.active, fault.x_m_s, fault.y_m_s) == ("current", True, 0.05, -0.03)
+    page.click('[data-kind="camera_black"] >> text=End')
+    wait_for(lambda: len(star.vessel.faults) == 2, "its end")
+    assert not star.vessel.faults[1].active
+
+
+def test_the_banner_shouts_when_bus_helm_or_server_fall_silent(page: Page, star: FakeStar) -> None:
+    banner = page.locator("#banner")
+    expect(banner).to_be_hidden()
+    star.helm.wanted = star.helm.wanted.model_copy(
+        update={"mode": "hold", "status": "armed", "suspended": True, "reason": "no wrench from the controller"}
+    )
+    expect(banner).to_contain_text("no wrench from the controller")
+    star.helm.wanted = m.HelmState(mode="stop", status="disarmed")
+    expect(banner).to_be_hidden()
+    star.do(lambda bus: bus.pause("helm"))
+    expect(banner).to_contain_text("The helm is silent")
+    star.do(lambda bus: bus.resume("helm"))
+    expect(banner).to_be_hidden()
+    star.paused = True
+    expect(banner).to_contain_text("Connection to the server lost")
+    expect(page.locator("#mode")).to_have_text("unknown")
+    star.paused = False
+    expect(banner).to_be_hidden()
+
+
+def test_a_stop_pressed_without_a_connection_is_sent_after_it(page: Page, star: FakeStar) -> None:
+    take_stick(page)
+    page.click("#hold")
+    expect(page.locator("#mode")).to_have_text("holding")
+    page.context.set_offline(True)
+    page.evaluate("starboard.cut()")
+    page.click("#stop")
+    expect(page.locator(".toast").last).to_contain_text("No connection")
+    page.context.set_offline(False)
+    wait_for(lambda: star.helm.wanted.mode == "stop", "stopped")
+
+
+def test_odd_values_on_the_bus_do_not_break_the_page(page: Page, star: FakeStar) -> None:
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    odd = b'{"a":{"b":[1,null,"x"]},"seq":"no","stamp_ns":null,"<img src=x onerror=alert(1)>":"<b>"}'
+    star.do(lambda bus: star.page.everything.offer(RawSample("free/<i>odd", odd, 0)))
+    far = {"x_m": -1e9, "y_m": 1e9, "psi_rad": 99.0, "surge_m_s": 0.0, "sway_m_s": 0.0, "yaw_rad_s": 0.0}
+    star.publish(topics.NAVIGATION_STATE, m.NavigationState(status="lost", measurement_age_s=1e6, **far))
+    expect(page.locator("#vars")).to_contain_text("free/<i>odd")
+    page.wait_for_function("starboard.state.values['navigation/state'].status === 'tracking'")
+    assert errors == []
+
+
+@pytest.mark.parametrize("size", [DESK, TABLET, PHONE], ids=["desk", "tablet", "phone"])
+def test_the_layout_fits_and_stop_is_in_reach(star: FakeStar, browser: Browser, size: ViewportSize) -> None:
+    with browser.new_context(viewport=size, has_touch=size is not DESK) as context:
+        page = open_page(context.new_page(), star)
+        assert page.evaluate("document.documentElement.scrollWidth") <= size["width"]
+        page.evaluate("window.scrollTo(0, 1e6)")
+        stop = page.locator("#stop").bounding_box()
+        assert stop is not None
+        assert 0 <= stop["y"] <= size["height"] - stop["height"], "in reach wherever one has scrolled to"
+        for selector in ("#stop", "#manual", "#hold", "#stick", "#yaw-stick", "#plots-pause", "#ref-x", "#vars-filter"):
+            box = page.locator(selector).bounding_box()
+            assert box is not None
+            assert min(box["width"], box["height"]) >= 44, selector
+        if size is DESK:
+            assert page.evaluate("document.documentElement.scrollHeight") <= size["height"]
