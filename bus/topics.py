@@ -85,7 +85,7 @@ ACTUATOR_DELIVERED = Topic(
 )
 
 LINK_STATUS = Topic("link/status", m.LinkStatus, "platform_link", "Statistics of the radio link.", 1.0)
-LINK_TELEMETRY = Topic("link/telemetry", m.LinkTelemetry, "platform_link", "What the platform reports.", 20.0)
+LINK_TELEMETRY = Topic("link/telemetry", m.LinkTelemetry, "platform_link", "What the platform reports.", 30.0)
 
 RECORDER_STATUS = Topic("recorder/status", m.RecorderStatus, "recorder", "State of the recording.", 1.0)
 

@@ -20,6 +20,8 @@ SILENCE_S = 1.0
 KEEP_ALIVE_S = 0.025
 """Send again in the first step so long after the last command. Half a period, because a step that telemetry woke puts
 the next one off by a whole period."""
+ZEROS_AT_OPEN_S = 0.1
+"""A port that has just been opened gets zeros first: nobody knows what the platform ran before, or since when."""
 _ZEROS_AT_STOP = 3
 _RESTART_GAP = 1000
 """A larger jump of the platform's sequence is its restart, not a loss."""
@@ -35,7 +37,7 @@ class PlatformLinkConfig(Section):
 class PlatformLink(Service):
     """Send actuator commands to the platform and publish what it answers.
 
-    A command goes out at once and again in every step; zeros when it is older than 0.25 s or does not fit the
+    After opening the port zeros go out for 0.1 s. Then a command goes out at once and again in every step; zeros when it is older than 0.25 s or does not fit the
     vessel. A port that has gone is opened again every 0.5 s.
     """
 
@@ -55,6 +57,7 @@ class PlatformLink(Service):
         self._error = ""
         self._retry_s = -math.inf
         self._decoder = Decoder()
+        self._opened_s = -math.inf
         self._sent = 0
         self._sent_s = -math.inf
         self._received = 0
@@ -79,6 +82,7 @@ class PlatformLink(Service):
         try:
             if self._driver is None and now_s >= self._retry_s:
                 self._driver = open_driver(self._uri)
+                self._opened_s = now_s
                 self._error = ""
             if self._driver is not None:
                 self._receive(self._driver, now_s)
@@ -101,7 +105,7 @@ class PlatformLink(Service):
         """Return one command per channel: zeros unless a fresh command fits the vessel."""
         command = self.command.fresh(now_s)
         self._command_age_s = None
-        if command is None:
+        if command is None or now_s - self._opened_s < ZEROS_AT_OPEN_S:
             return self._zeros
         self._command_age_s = now_s - command.stamp_ns * 1e-9
         if command.commands.keys() != self._limits.keys():

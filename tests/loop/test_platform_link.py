@@ -92,6 +92,17 @@ def test_commands_arrive_and_telemetry_comes_back(uri: str, link: PlatformLink, 
     assert status.command_age_s == pytest.approx(0.0, abs=1e-6)
 
 
+def test_a_link_killed_and_back_at_once_begins_with_zeros(uri: str, link: PlatformLink) -> None:
+    bus, platform = started(uri, link)
+    command_for(bus, 1.0)
+    assert platform.history[-1][1] == FORWARD
+    bus.add(PlatformLink(PlatformLinkConfig(uri=uri), VESSEL, Deployment()))
+    command_for(bus, 0.3)
+    since_kill = [commands for _, commands in platform.history[-60:]]
+    assert ZEROS in since_kill
+    assert since_kill[-1] == FORWARD
+
+
 def test_silence_on_the_bus_sends_zeros(uri: str, link: PlatformLink) -> None:
     bus, platform = started(uri, link)
     command_for(bus, 1.0)
