@@ -21,7 +21,7 @@ def is_latched(key: str) -> bool:
 
 
 class Hub(Service):
-    """Keeps the last value of every key. The loop gives it a bus that listens instead of connecting."""
+    """Keep the last value of every key for late joiners. The loop gives it a bus that listens instead of connecting."""
 
     name = "hub"
     rate_hz = 1.0

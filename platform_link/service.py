@@ -37,8 +37,8 @@ class PlatformLinkConfig(Section):
 class PlatformLink(Service):
     """Send actuator commands to the platform and publish what it answers.
 
-    After opening the port zeros go out for 0.1 s. Then a command goes out at once and again in every step; zeros when it is older than 0.25 s or does not fit the
-    vessel. A port that has gone is opened again every 0.5 s.
+    After opening the port zeros go out for 0.1 s. Then a command goes out at once and again in every step; zeros when
+    it is older than 0.25 s or does not fit the vessel. A port that has gone is opened again every 0.5 s.
     """
 
     name = "platform_link"
