@@ -5,9 +5,9 @@ from __future__ import annotations
 import copy
 import math
 from collections import deque
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from bus import topics
 from bus.clock import NS
@@ -47,6 +47,12 @@ class EstimatorConfig(Section):
     ready_std_m_s: float = Field(0.03, gt=0, description="initialising until surge and sway are known so well")
     smoothing_window: int = Field(15, ge=3)
     smoothing_order: int = Field(2, ge=1)
+
+    @model_validator(mode="after")
+    def _smoothing_is_possible(self) -> Self:
+        if self.smoothing_order >= self.smoothing_window:
+            raise ValueError("smoothing_order must be smaller than smoothing_window")
+        return self
 
 
 class Estimator(Service):
@@ -97,6 +103,8 @@ class Estimator(Service):
                 self._wrenches.append((wrench.stamp_ns, (surge, sway, yaw)))
         if self._seen_ns > now_ns + FUTURE_TOLERANCE_S * NS:  # the machine's clock was set back
             self._forget()
+            self._seen_ns = self._used_ns = 0
+            self._wrenches.clear()
         for pose in self.pose.take():
             if not self._acceptable(pose, now_ns) or not self._take_in(pose):
                 self._rejected += 1
@@ -122,8 +130,8 @@ class Estimator(Service):
         x_m, y_m, psi_rad = pose.x_m or 0.0, pose.y_m or 0.0, pose.psi_rad
         if (pose.stamp_ns - self._used_ns) / NS > self._config.lost_after_s:
             self._forget()
-        used = self._measure if not self._config.enabled else self._filter
-        if not used(pose.stamp_ns, x_m, y_m, psi_rad):
+        take_in = self._filter if self._config.enabled else self._measure
+        if not take_in(pose.stamp_ns, x_m, y_m, psi_rad):
             return False
         self._used_ns = pose.stamp_ns
         return True
@@ -131,7 +139,6 @@ class Estimator(Service):
     def _forget(self) -> None:
         self._ekf, self._measured, self._ready = None, None, False
         self._smoother.clear()
-        self._seen_ns = self._used_ns = 0
 
     def _measure(self, stamp_ns: int, x_m: float, y_m: float, psi_rad: float) -> bool:
         self._measured = (x_m, y_m, psi_rad, *self._smoother.add(stamp_ns / NS, x_m, y_m, psi_rad))

@@ -96,14 +96,20 @@ class PoseEkf:
         surge, sway, yaw = self._dynamics.model.surge, self._dynamics.model.sway, self._dynamics.model.yaw
         c, s = dt_s * math.cos(psi), dt_s * math.sin(psi)
         F = _IDENTITY.copy()
-        F[0, 2:5] = -s * u - c * v, c, -s
-        F[1, 2:5] = c * u - s * v, s, c
+        F[0, 2] = -s * u - c * v
+        F[0, 3] = F[1, 4] = c
+        F[0, 4] = -s
+        F[1, 2] = c * u - s * v
+        F[1, 3] = s
         F[2, 5] = dt_s
-        F[3, 2:4] = (c * d_y - s * d_x) / surge.alpha, _decay(surge, u, dt_s)
-        F[3, 6:8] = c / surge.alpha, s / surge.alpha
+        F[3, 2] = (c * d_y - s * d_x) / surge.alpha
+        F[3, 3] = _decay(surge, u, dt_s)
+        F[3, 6] = c / surge.alpha
+        F[3, 7] = s / surge.alpha
         F[4, 2] = (-s * d_y - c * d_x) / sway.alpha
         F[4, 4] = _decay(sway, v, dt_s)
-        F[4, 6:8] = -s / sway.alpha, c / sway.alpha
+        F[4, 6] = -s / sway.alpha
+        F[4, 7] = c / sway.alpha
         F[5, 5] = _decay(yaw, r, dt_s)
         F[5, 8] = dt_s / yaw.alpha
         return F

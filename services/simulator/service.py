@@ -74,6 +74,7 @@ class Simulator(Service):
         self._early_ns = round(NS / self.rate_hz / 2)
         self._next_frame_ns = 0
         self._save_s = 0.0
+        self._save_error = ""
         self._world: World
         self._port: Driver
         self._renderer: Renderer | None = None
@@ -121,7 +122,7 @@ class Simulator(Service):
             self._look(now_ns, now_s)
         if self._config.state_file and now_s - self._save_s >= SAVE_PERIOD_S:
             self._save_s = now_s
-            save(self._state_path, Saved.of(now_ns, self._world, self._camera))
+            self._save(now_ns)
 
     def stop(self, now_s: float) -> None:
         """Close the far ends. After a proper end the next simulator starts afresh."""
@@ -130,6 +131,15 @@ class Simulator(Service):
             self._frames.close()
         if self._config.state_file:
             self._state_path.unlink(missing_ok=True)
+
+    def _save(self, now_ns: int) -> None:
+        try:
+            save(self._state_path, Saved.of(now_ns, self._world, self._camera))
+            self._save_error = ""
+        except OSError as error:
+            if not self._save_error:
+                self.log.warning("%s: %s; after a kill the vessel starts afresh", self._state_path, error.strerror)
+            self._save_error = str(error)
 
     def _talk(self, now_s: float) -> None:
         data = self._port.read()

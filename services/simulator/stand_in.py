@@ -10,7 +10,7 @@ from pydantic import Field
 from bus import topics
 from bus.clock import NS
 from bus.config import Section
-from bus.messages import CameraPose, CameraStatus
+from bus.messages import CameraPose, CameraStatus, SimulationTruth
 from bus.service import Input, Output, Service
 from marine.frames import wrap_angle
 from marine.vessel import Vessel
@@ -56,9 +56,8 @@ class PoseStandIn(Service):
         for truth in self.truth.take():
             self._frames += 1
             lost = self._random.random() < self._faults.dropout
-            pose = self._seen(truth.stamp_ns, truth.x_m, truth.y_m, truth.psi_rad)
             if not lost and not self._faults.black:
-                self._under_way.append(pose)
+                self._under_way.append(self._seen(truth))
         latency_ns = round(self._config.latency_s * NS)
         while self._under_way and self._under_way[0].stamp_ns + latency_ns <= round(now_s * NS):
             self.pose.publish(self._under_way.popleft())
@@ -67,19 +66,19 @@ class PoseStandIn(Service):
             self._told_s = now_s
             self._tell()
 
-    def _seen(self, stamp_ns: int, x_m: float, y_m: float, psi_rad: float) -> CameraPose:
+    def _seen(self, truth: SimulationTruth) -> CameraPose:
         scale, noise, gauss = self._camera.scale_px_per_m, self._config.position_noise_px, self._random.gauss
-        x_px = x_m * scale - 0.5 + self._faults.shift_px[0] + gauss(0.0, noise)
-        y_px = y_m * scale - 0.5 + self._faults.shift_px[1] + gauss(0.0, noise)
+        x_px = truth.x_m * scale - 0.5 + self._faults.shift_px[0] + gauss(0.0, noise)
+        y_px = truth.y_m * scale - 0.5 + self._faults.shift_px[1] + gauss(0.0, noise)
         return CameraPose(
-            stamp_ns=stamp_ns,
-            origin_ns=stamp_ns,
+            stamp_ns=truth.stamp_ns,
+            origin_ns=truth.stamp_ns,
             frame=self._frames,
             x_px=x_px,
             y_px=y_px,
             x_m=(x_px + 0.5) / scale,
             y_m=(y_px + 0.5) / scale,
-            psi_rad=wrap_angle(psi_rad + gauss(0.0, self._config.heading_noise_rad)),
+            psi_rad=wrap_angle(truth.psi_rad + gauss(0.0, self._config.heading_noise_rad)),
             quality=1.0,
         )
 

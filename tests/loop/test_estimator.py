@@ -180,8 +180,37 @@ def test_switched_off_it_maps_measurements_to_estimates() -> None:
 
 
 def test_an_impossible_smoothing_is_refused_at_the_start() -> None:
-    with pytest.raises(ValueError, match="order"):
-        Estimator(EstimatorConfig(smoothing_window=3, smoothing_order=3), VESSEL)
+    with pytest.raises(ValueError, match="smoothing_order must be smaller than smoothing_window"):
+        EstimatorConfig(smoothing_window=3, smoothing_order=3)
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_a_clock_set_back_starts_the_estimate_anew(enabled: bool) -> None:
+    pool = Pool(enabled=enabled)
+    pool.see(3.0)
+    now_ns = pool.bus.clock.now_ns() - 600 * NS
+    for k in range(30):
+        stamp_ns = now_ns + k * FRAME_NS
+        pose = CameraPose(frame=k, x_px=0, y_px=0, x_m=2.0, y_m=1.5, psi_rad=0.0, quality=1.0, stamp_ns=stamp_ns)
+        pool.estimator.pose.offer(pose)
+        pool.estimator.pose.refresh()
+        pool.estimator.delivered.refresh()
+        pool.estimator.step(stamp_ns / NS)
+    assert pool.state.rejected == 0
+    assert pool.state.status == "tracking"
+    assert (pool.state.x_m, pool.state.surge_m_s) == pytest.approx((2.0, 0.0), abs=1e-3)
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_a_late_pose_right_after_a_loss_is_refused(enabled: bool) -> None:
+    pool = Pool(enabled=enabled)
+    pool.see(1.0)
+    pool.bus.run_for(2.0)
+    now_ns = pool.bus.clock.now_ns()
+    pool.publish(x_m=2.0, stamp_ns=now_ns)
+    pool.publish(x_m=2.1, stamp_ns=now_ns - FRAME_NS)
+    assert pool.state.rejected == 1
+    assert pool.state.x_m == 2.0
 
 
 def test_no_message_is_ever_not_a_number() -> None:

@@ -18,7 +18,10 @@ from bus.memory_bus import MemoryBus
 from bus.messages import ActuatorCommand, LinkStatus, SimulationFault, SimulationTruth
 from camera_tracker.sources import Frame, open_source
 from platform_link.service import PlatformLink, PlatformLinkConfig
+from services.simulator.faults import CameraFaults
+from services.simulator.saved import Saved, load, save
 from services.simulator.service import Simulator, SimulatorConfig, with_flipped_bit
+from services.simulator.world import Current, World
 from services.vessels import load_vessel
 
 VESSEL = load_vessel("pladypos")
@@ -241,6 +244,28 @@ def test_an_old_or_damaged_state_file_is_left_alone(pool: Pool, caplog: pytest.L
     pool.start(pictures=False)
     assert pool.run(0.1).x_m == 2.5
     assert f"{path}: cannot be read; starting afresh" in caplog.text
+
+
+def test_all_faults_that_last_are_saved(tmp_path: Path) -> None:
+    start = (1.0, 2.0, 0.5, 0.1, -0.2, 0.3)
+    world = World(VESSEL, Current(), 1, start, 0)
+    world.kill(frozenset({"front_port"}))
+    world.constant_current_m_s = (0.1, 0.2)
+    camera = CameraFaults(shift_px=(3.0, -4.0), black=True, dropout=0.5)
+    save(tmp_path / "state.json", Saved.of(5 * NS, world, camera))
+    other = World(VESSEL, Current(), 1, (2.0, 2.0, 0.0, 0.0, 0.0, 0.0), 6 * NS)
+    saved = load(tmp_path / "state.json", 6 * NS)
+    assert saved is not None
+    assert saved.restore(other) == camera
+    assert (other.state, other.dead, other.current_m_s) == (start, frozenset({"front_port"}), (0.1, 0.2))
+
+
+def test_a_state_file_that_cannot_be_written_is_told_once(pool: Pool, caplog: pytest.LogCaptureFixture) -> None:
+    pool.start(pictures=False)
+    (pool.deployment.run_dir / "simulator.new").mkdir()
+    pool.run(2.0)
+    assert len(pool.truths) >= 59
+    assert caplog.text.count("after a kill the vessel starts afresh") == 1
 
 
 def test_nobody_reading_the_port_or_the_frames_holds_it_up(pool: Pool) -> None:
