@@ -60,16 +60,16 @@ def star() -> Iterator[FakeStar]:
 @pytest.fixture
 def page(star: FakeStar, browser: Browser) -> Iterator[Page]:
     with browser.new_context(viewport=DESK) as context:
-        yield open_page(context.new_page(), star)
+        yield open_page(context.new_page(), star.url)
 
 
-def open_page(page: Page, star: FakeStar) -> Page:
-    """Open the page; any error in its console fails the test at the next look."""
+def open_page(page: Page, url: str) -> Page:
+    """Open the page and wait until it shows the vessel; an error in its console until then fails the test."""
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.on("console", lambda line: errors.append(line.text) if line.type == "error" else None)
     page.set_default_timeout(5000)
-    page.goto(star.url)
+    page.goto(url)
     page.wait_for_function("window.starboard?.state.values['helm/state'] && starboard.state.values['navigation/state']")
     assert errors == []
     return page
@@ -181,7 +181,7 @@ def test_the_page_that_has_the_helm_renews_and_another_must_take_over(
     take_stick(page)
     wait_for(lambda: sum(r.action == "renew" for r in star.requests) >= 1, "a renewal")
     with browser.new_context(viewport=TABLET) as context:
-        other = open_page(context.new_page(), star)
+        other = open_page(context.new_page(), star.url)
         other.click("#manual")
         expect(other.locator(".toast")).to_contain_text("has the helm")
         assert not snapshot(other)["driving"]
@@ -285,7 +285,7 @@ def test_odd_values_on_the_bus_do_not_break_the_page(page: Page, star: FakeStar)
 @pytest.mark.parametrize("size", [DESK, TABLET, PHONE], ids=["desk", "tablet", "phone"])
 def test_the_layout_fits_and_stop_is_in_reach(star: FakeStar, browser: Browser, size: ViewportSize) -> None:
     with browser.new_context(viewport=size, has_touch=size is not DESK) as context:
-        page = open_page(context.new_page(), star)
+        page = open_page(context.new_page(), star.url)
         assert page.evaluate("document.documentElement.scrollWidth") <= size["width"]
         page.evaluate("window.scrollTo(0, 1e6)")
         stop = page.locator("#stop").bounding_box()

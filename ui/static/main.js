@@ -58,6 +58,7 @@ function onFrame(frame) {
   for (const answer of frame.answers) helm.answered(answer);
   if (frame.refused) toast(`The server refused a message: ${frame.refused}`, { level: "error" });
   helm.renew();
+  requestAnimationFrame(draw);
   if (performance.now() - aliveAt > 500) {
     aliveAt = performance.now();
     link.send({ type: "alive" });
@@ -124,16 +125,13 @@ function showReadout() {
 
 let drawn = -1;
 function draw() {
-  if (store.version !== drawn) {
-    drawn = store.version;
-    map.draw();
-    showReadout();
-    helm.show();
-  }
+  if (store.version === drawn) return;
+  drawn = store.version;
+  map.draw();
+  showReadout();
+  helm.show();
   plots.tick();
-  requestAnimationFrame(draw);
 }
-requestAnimationFrame(draw);
 
 setInterval(() => {
   health.showBanner();

@@ -123,7 +123,7 @@ class Chart {
   }
 
   size() {
-    return { width: Math.max(120, this.body.clientWidth), height: Math.max(80, this.body.clientHeight) };
+    return { width: Math.max(120, this.body.clientWidth), height: Math.max(50, this.body.clientHeight) };
   }
 
   index(key, path) {
@@ -139,7 +139,7 @@ class Chart {
     this.head.replaceChildren(
       ...pairs.map(([key, path], i) =>
         h("button", { type: "button", class: `series c${i % COLOURS.length}`, title: `${key} ${path}: take it off the plot`,
-          onclick: () => this.plots.drop(this, key, path) }, path.replace(/^commands\./, "").replace(/_rad(_s)?$/, ""), " ", this.values[i])),
+          onclick: () => this.plots.drop(this, key, path) }, short(path), " ", this.values[i])),
       h("span", { class: "unit" }, this.unit),
     );
   }
@@ -149,11 +149,11 @@ class Chart {
     const span = LEAST_SPAN[this.unit] ?? 1e-6;
     return {
       ...this.size(),
-      padding: [8, 10, 0, 0],
+      padding: [8, 24, 0, 0],
       legend: { show: false },
       cursor: { sync: { key: "starboard" }, drag: { x: false, y: false }, points: { show: false } },
       scales: { x: { time: true }, y: { range: (_, low, high) => padded(low, high, span) } },
-      axes: [{ ...axis, size: 24, space: 80, values: (_, times) => times.map(clock) }, { ...axis, size: 46, space: 28 }],
+      axes: [{ ...axis, size: 24, space: 80, values: (_, times) => times.map(clock) }, { ...axis, size: 46, space: 22 }],
       series: [{}, ...this.pairs.map((_, i) => ({ stroke: COLOURS[i % COLOURS.length], width: 1.5, points: { show: false } }))],
     };
   }
@@ -210,6 +210,7 @@ class Chart {
   }
 }
 
+const short = (path) => path.replace(/^commands\./, "").replace("starboard", "stbd").replace(/_rad(_s)?$/, "");
 const clock = (time) => new Date(time * 1000).toLocaleTimeString("en-GB");
 
 function padded(low, high, span) {
