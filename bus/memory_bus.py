@@ -87,7 +87,7 @@ class MemoryBus:
         seq = self._sequences.get(topic.key, 0)
         self._sequences[topic.key] = seq + 1
         stamp_ns = message.stamp_ns or self.clock.now_ns()
-        self._send(topic, message.model_copy(update={"stamp_ns": stamp_ns, "seq": seq, "source": source}))
+        self._send(topic, message.stamped(stamp_ns, seq, source))
 
     def publish_bytes(self, key: str, payload: bytes) -> None:
         """Put any bytes on a key, as a broken client would."""

@@ -24,6 +24,9 @@ AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """The six components of state and wrench, in the order of SNAME."""
 
 
+_HEADER = frozenset({"stamp_ns", "seq", "source"})
+
+
 def _state_units(schema: dict[str, Any]) -> None:
     for name, field in schema.get("properties", {}).items():
         if unit := unit_of(name):
@@ -39,6 +42,17 @@ class Message(BaseModel):
     seq: int = Field(0, ge=0, description="counts this publisher's messages on this key; a gap is a loss")
     source: Name = Field("", description="service that published it")
     origin_ns: int | None = Field(None, ge=0, description="capture time of the camera frame it comes from")
+
+    def stamped(self, stamp_ns: int, seq: int, source: str) -> Self:
+        """Return a copy with its header filled in: `model_copy` at half its cost, on every message of every service."""
+        content = self.__dict__.copy()
+        content.update(stamp_ns=stamp_ns, seq=seq, source=source)
+        copy = object.__new__(type(self))
+        object.__setattr__(copy, "__dict__", content)
+        object.__setattr__(copy, "__pydantic_fields_set__", self.__pydantic_fields_set__ | _HEADER)
+        object.__setattr__(copy, "__pydantic_extra__", None)
+        object.__setattr__(copy, "__pydantic_private__", None)
+        return copy
 
     def encode(self) -> bytes:
         """Return the message as it goes over the wire: JSON."""

@@ -164,13 +164,8 @@ class Output(Generic[M]):
         """Fill in the header (a stamp that is set already stays) and send; return what was sent."""
         if self._send is None:
             raise RuntimeError(f"{self.topic.key}: the service is on no bus")
-        stamped = message.model_copy(
-            update={
-                "stamp_ns": message.stamp_ns or self._moment.now_ns,
-                "seq": self._sequence,
-                "source": self._moment.source,
-            }
-        )
+        moment = self._moment
+        stamped = message.stamped(message.stamp_ns or moment.now_ns, self._sequence, moment.source)
         self._sequence += 1
         self._send(self.topic, stamped)
         return stamped

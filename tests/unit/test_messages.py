@@ -71,6 +71,15 @@ def test_floats_survive_the_wire_exactly() -> None:
     assert CameraPose.decode(pose.encode()) == pose
 
 
+def test_a_stamped_copy_is_what_pydantic_would_make() -> None:
+    wrench = Wrench(surge_n=1.5, origin_ns=9)
+    stamped = wrench.stamped(7, 3, "helm")
+    assert stamped == wrench.model_copy(update={"stamp_ns": 7, "seq": 3, "source": "helm"})
+    assert stamped.model_fields_set == {"surge_n", "origin_ns", "stamp_ns", "seq", "source"}
+    assert Wrench.decode(stamped.encode()) == stamped
+    assert wrench.seq == 0
+
+
 def test_an_image_keeps_its_bytes_and_is_refused_when_cut() -> None:
     image = CameraImage(frame=3, width_px=800, height_px=600, data=b"\xff\xd8jpeg\x00")
     wire = image.encode()
