@@ -70,7 +70,7 @@ class Message(BaseModel):
 class CameraPose(Message):
     """Pose of the marker in one frame. `stamp_ns` is the capture time. Metres only when a scale is known."""
 
-    name: Name = Field("vessel", description="which vessel, where several are tracked")
+    name: Name = Field("", description="which vessel, where several are tracked; empty: the only one")
     frame: Count
     x_px: float
     y_px: float

@@ -88,6 +88,7 @@ class Estimator(Service):
         self._filter_ns = 0  # where the filter is
         self._smoother = CausalVelocities(config.smoothing_window, config.smoothing_order)
         self._measured: State | None = None
+        self._names = ("", vessel.name)  # the tracker may follow other vehicles too
         self._used_ns = 0  # capture time of the last pose used
         self._seen_ns = 0  # of the last pose that came
         self._ready = False
@@ -106,6 +107,8 @@ class Estimator(Service):
             self._seen_ns = self._used_ns = 0
             self._wrenches.clear()
         for pose in self.pose.take():
+            if pose.name not in self._names:
+                continue
             if not self._acceptable(pose, now_ns) or not self._take_in(pose):
                 self._rejected += 1
         self._publish(now_ns)

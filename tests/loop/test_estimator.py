@@ -222,3 +222,15 @@ def test_no_message_is_ever_not_a_number() -> None:
             x_m=2.0 + math.sin(k * 7.0), stamp_ns=pool.bus.clock.now_ns(), y_m=1.5 + math.cos(k * 3.0), psi_rad=k * 1.7
         )
     assert pool.states[-1].rejected > 50
+
+
+def test_the_poses_of_other_vehicles_are_not_ours() -> None:
+    pool = Pool()
+    pool.see(2.0)
+    for _ in range(30):
+        pool.see(1 / 30)
+        pool.publish(0.4, pool.bus.clock.now_ns(), name="boat")
+    assert pool.state.rejected == 0
+    assert pool.state.x_m == pytest.approx(pool.x_m(pool.bus.clock.now_ns()), abs=1e-3)
+    pool.see(0.1, name="pladypos")
+    assert pool.state.status == "tracking"
