@@ -1,0 +1,47 @@
+"""What the README shows runs, and what it links to is there."""
+
+import logging
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from bus import topics
+from bus.memory_bus import MemoryBus
+from bus.messages import NavigationState
+from services.catalog import ROOT, build, load_settings
+
+README = (ROOT / "README.md").read_text()
+
+
+def block(language: str) -> str:
+    found = re.search(rf"```{language}\n(.*?)```", README, re.DOTALL)
+    assert found is not None
+    return found.group(1)
+
+
+def test_the_service_of_twelve_lines_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    code = block("python")
+    assert len([line for line in code.splitlines() if line.strip() and not line.startswith("#")]) == 12
+    (tmp_path / "wall_alarm.py").write_text(code)
+    (tmp_path / "own.toml").write_text(block("toml"))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "wall_alarm", raising=False)
+    settings = load_settings(tmp_path / "own.toml")
+    bus = MemoryBus()
+    bus.add(build(settings.process("alarm"), settings))
+    state = {"x_m": 0.8, "y_m": 1, "psi_rad": 0, "surge_m_s": 0, "sway_m_s": 0, "yaw_rad_s": 0, "measurement_age_s": 0}
+    with caplog.at_level(logging.WARNING):
+        bus.publish(topics.NAVIGATION_STATE, NavigationState.model_validate(state | {"status": "tracking"}))
+        bus.run_for(0.2)
+    assert "only 0.80 m to the wall" in caplog.text
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))], ids=lambda p: p.name)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text()):
+        if not target.startswith(("http:", "https:")):
+            assert (page.parent / target).exists(), f"{page.name} links to {target}"
