@@ -54,12 +54,12 @@ class RunningStar:
         self.folder = Path(self._folder.name)
         self.run_dir = self.folder / "run"
         self.recordings = self.folder / "recordings"
-        self.hub = f"tcp/127.0.0.1:{free_port()}"
+        self.hub, self.standby = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
         self.page_port = free_port()
         self.config = self.folder / "config.toml"
         self.config.write_text(
             f'[system]\nvessel = "{vessel}"\nrecordings = "{self.recordings}"\n{system}\n'
-            f'[hub]\nlisten = ["{self.hub}"]\n[ui]\nport = {self.page_port}\n{sections}\n'
+            f'[hub]\nlisten = ["{self.hub}"]\nstandby = "{self.standby}"\n[ui]\nport = {self.page_port}\n{sections}\n'
         )
         self.vessel = Path(vessel).stem
         self.environment = os.environ | {"STARBOARD_RUN_DIR": str(self.run_dir), "PYTHONUNBUFFERED": "1"}
@@ -75,7 +75,7 @@ class RunningStar:
                 cwd=ROOT, env=self.environment, stdout=out, stderr=subprocess.STDOUT,
             )  # fmt: skip
         try:
-            self._bus = ZenohBus.connect(self.vessel, (self.hub,))
+            self._bus = ZenohBus.connect(self.vessel, (self.hub, self.standby))
             self._bus.subscribe("**", self._hear)
         except BaseException:
             self.__exit__()

@@ -57,3 +57,6 @@ class Deployment:
     """Short-lived files: sockets, links, state files of this run."""
     recordings_dir: Path = field(default_factory=lambda: Path("recordings"))
     hub_endpoints: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
+    """Where clients find a hub: the hub's addresses, then the standby's."""
+    hub_standby: str = ""
+    """Where the standby hub listens; empty when there is none."""

@@ -1,17 +1,32 @@
-"""The centre of the star: a Zenoh router with the last value of every key for late joiners."""
+"""The centre of the star: a router with the last value of every key, and its standby."""
 
 from __future__ import annotations
 
+from typing import Any
+
+from pydantic import Field
+
 from bus import topics
-from bus.config import Section
-from bus.service import Service
-from bus.zenoh_bus import Store, ZenohBus
+from bus.clock import NS
+from bus.config import Deployment, Section
+from bus.messages import HubStatistics, Traffic
+from bus.service import Output, Service
+from bus.store import Store
+from bus.zenoh_bus import HubBus
+
+SNAPSHOT_S = 0.5
+STATISTICS_S = 1.0
+ALONE_S = 1.0
+"""A hub that no other linked to for so long has nobody to learn from."""
+NAMED = 50
+"""So many keys and sources are named in the statistics, the busiest first."""
 
 
 class HubConfig(Section):
     """Section [hub]."""
 
     listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
+    standby: str = Field("tcp/127.0.0.1:7448", description="where the standby hub listens; empty for none")
 
 
 def is_latched(key: str) -> bool:
@@ -21,20 +36,127 @@ def is_latched(key: str) -> bool:
 
 
 class Hub(Service):
-    """Keep the last value of every key for late joiners. The loop gives it a bus that listens instead of connecting."""
+    """Route all messages; keep the last value of every key for late joiners, on disk too; publish statistics."""
 
     name = "hub"
-    rate_hz = 1.0
+    rate_hz = 5.0
+    statistics = Output(topics.HUB_STATISTICS)
 
-    def __init__(self, config: HubConfig) -> None:
-        self.config = config
-        self._store: Store | None = None
+    def __init__(self, config: HubConfig, deployment: Deployment) -> None:
+        self._listen, self._link = config.listen, tuple[str, ...]()
+        self._alone = not config.standby
+        self._prepare(deployment)
 
-    def serve(self, bus: ZenohBus) -> None:
-        """Open the store on the hub's own end of the bus."""
-        self._store = Store(bus, is_latched)
+    def _prepare(self, deployment: Deployment) -> None:
+        self._store = Store(is_latched)
+        self._snapshot = deployment.run_dir / f"{self.name}.snapshot"
+        self._bus: HubBus | None = None
+        self._started_s = self._saved_s = self._published_s = 0.0
+        self._error = ""
+
+    def open_bus(self, vessel: str) -> HubBus:
+        """Return the hub's own end of the bus; it listens from now on. Raises ConfigError for a taken address."""
+        self._load()
+        self._bus = HubBus.listen(vessel, self._listen, self._store, self._link)
+        return self._bus
+
+    def start(self, now_s: float) -> None:
+        """Without a standby nobody knows more."""
+        self._started_s = self._published_s = now_s
+        self._store.renew_rates(round(now_s * NS))
+        if self._alone and self._bus is not None:
+            self._bus.announce()
 
     def step(self, now_s: float) -> None:
-        """Renew the rates that `starboard status` shows."""
-        if self._store is not None:
-            self._store.update_rates()
+        """Link, save, tell."""
+        if self._bus is None:
+            return
+        linked = self._bus.linked
+        self._follow_link(self._bus, linked, now_s)
+        if now_s - self._saved_s >= SNAPSHOT_S:
+            self._saved_s = now_s
+            self._save()
+        if now_s - self._published_s >= STATISTICS_S:
+            self._published_s = now_s
+            self._store.renew_rates(round(now_s * NS))
+            if self._tells(linked):
+                self.statistics.publish(self._measured(self._bus.clients, linked))
+
+    def stop(self, now_s: float) -> None:
+        """Save the last values."""
+        self._save()
+
+    def _tells(self, linked: bool) -> bool:
+        return True
+
+    def _follow_link(self, bus: HubBus, linked: bool, now_s: float) -> None:
+        if linked and not bus.pulled:
+            bus.pull_store()
+        elif linked or now_s - self._started_s > ALONE_S:
+            bus.announce()
+
+    def _load(self) -> None:
+        try:
+            self._store.merge(self._snapshot.read_bytes())
+        except FileNotFoundError:
+            pass
+        except (OSError, ValueError) as error:
+            self.log.warning("%s: starting without last values: %s", self._snapshot, error)
+
+    def _save(self) -> None:
+        try:
+            self._snapshot.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            self._store.save(self._snapshot)
+            self.note = self._error = ""
+        except OSError as error:
+            reason = f"last values not saved: {error.strerror}"
+            if reason != self._error:
+                self.log.error("%s: %s", self._snapshot, reason)
+            self.note = self._error = reason
+
+    def _measured(self, clients: int, linked: bool) -> HubStatistics:
+        store = self._store
+        entries = store.items()
+        return HubStatistics(
+            clients=clients,
+            linked=linked,
+            keys=len(entries),
+            messages_hz=store.total.rate_hz,
+            bytes_s=store.total.bytes_s,
+            refused=store.refused,
+            by_key=_busiest((key, e.traffic) for key, e in entries if len(key) <= 200),
+            by_source=_busiest((name or "(unnamed)", c) for name, c in list(store.sources.items())),
+            missed=dict(_missed(entries)),
+        )
+
+
+class StandbyHub(Hub):
+    """A second hub, linked to the first: clients turn to it when the first is gone, and it has all values."""
+
+    name = "hub_standby"
+
+    def __init__(self, deployment: Deployment) -> None:
+        self._listen = (deployment.hub_standby,)
+        self._link = tuple(e for e in deployment.hub_endpoints if e != deployment.hub_standby)
+        self._alone = False
+        self._prepare(deployment)
+
+    def _tells(self, linked: bool) -> bool:
+        return not linked  # the hub tells; both hear every message
+
+
+def _busiest(traffic: Any) -> dict[str, Traffic]:
+    ranked = sorted(traffic, key=lambda item: item[1].rate_hz, reverse=True)[:NAMED]
+    return {name: Traffic(messages_hz=round(c.rate_hz, 2), bytes_s=round(c.bytes_s, 1)) for name, c in ranked}
+
+
+def _missed(entries: Any) -> Any:
+    """Yield each reader with what it missed, as its last heartbeat tells."""
+    for key, entry in entries:
+        if key.startswith("service/") and key.endswith("/heartbeat") and entry.payload:
+            try:
+                beat = topics.HEARTBEAT.message.decode(entry.payload)
+            except ValueError:
+                continue
+            if beat.gaps or beat.dropped:
+                yield key.split("/")[1], beat.gaps + beat.dropped

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from bus.clock import NS, SimulatedClock
+from bus.keys import is_pattern, matches
 from bus.messages import Message
 from bus.service import Input, RawInput, RawSample, Service
 from bus.stepper import Stepper
@@ -49,10 +50,12 @@ class MemoryBus:
         stepper = Stepper(service, self._send, lambda: 0.0)
         self._steppers[service.name] = stepper
         for port in service.inputs:
-            self._readers.setdefault(port.topic.key, []).append((service.name, port))
+            self._readers.setdefault(port.topic.pattern, []).append((service.name, port))
             retained = self._last.get(port.topic.key)
             if retained is not None and retained[0].latched:
                 port.offer_retained(self._encoded(retained[1]))
+            if port.is_pattern:
+                self._offer_all_retained(port)
         for raw in service.raw_inputs:
             self._raw_readers.append((service.name, raw))
         stepper.start(self.clock.now_ns())
@@ -91,8 +94,8 @@ class MemoryBus:
 
     def publish_bytes(self, key: str, payload: bytes) -> None:
         """Put any bytes on a key, as a broken client would."""
-        for name, port in self._readers.get(key, []):
-            self._offer(name, port, payload)
+        for name, port in self._readers_of(key):
+            self._offer(name, port, payload, key)
 
     def last(self, topic: Topic[M]) -> M | None:
         """Return the last message of a topic."""
@@ -123,7 +126,7 @@ class MemoryBus:
     def _run_due(self) -> None:
         due_ns, _, name = heapq.heappop(self._due)
         stepper = self._steppers.get(name)
-        if stepper is None or name in self._paused or stepper.due_ns != due_ns:
+        if stepper is None or name in self._paused or stepper.next_ns(self.clock.now_ns()) > due_ns:
             return  # the entry is out of date
         self.clock.advance_to(max(due_ns, self.clock.now_ns()))
         self._step(stepper)
@@ -135,7 +138,11 @@ class MemoryBus:
             if name is None:
                 return
             del self._ready[name]
-            self._step(self._steppers[name])
+            stepper = self._steppers[name]
+            if stepper.woken(self.clock.now_ns()):
+                self._step(stepper)
+            else:
+                self._schedule(stepper)
         raise RuntimeError(f"services wake each other without end: {list(self._ready)}")
 
     def _step(self, stepper: Stepper) -> None:
@@ -145,26 +152,39 @@ class MemoryBus:
 
     def _schedule(self, stepper: Stepper) -> None:
         self._order += 1
-        heapq.heappush(self._due, (stepper.due_ns, self._order, stepper.service.name))
+        heapq.heappush(self._due, (stepper.next_ns(self.clock.now_ns()), self._order, stepper.service.name))
 
     def _encoded(self, message: Message) -> bytes | Message:
         return message.encode() if self._json else message
 
     def _send(self, topic: Topic[Any], message: Message) -> None:
         self._last[topic.key] = (topic, message)
-        readers = self._readers.get(topic.key)
+        readers = self._readers_of(topic.key)
         if readers:
             sample = self._encoded(message)
             for name, port in readers:
-                self._offer(name, port, sample)
+                self._offer(name, port, sample, topic.key)
         if self._raw_readers:
             raw = RawSample(topic.key, message.encode(), self.clock.now_ns())
-            for _, raw_port in self._raw_readers:
-                raw_port.offer(raw)
+            for name, raw_port in self._raw_readers:
+                if matches(raw_port.pattern, topic.key):
+                    raw_port.offer(raw)
+                    if raw_port.wakes:
+                        self._ready[name] = None
         for callback in self._taps.get(topic.key, ()):
             callback(message)
 
-    def _offer(self, name: str, port: Input[Any], sample: bytes | Message) -> None:
-        port.offer(sample)
+    def _readers_of(self, key: str) -> list[tuple[str, Input[Any]]]:
+        found = self._readers.get(key, [])
+        patterns = [p for p in self._readers if is_pattern(p) and matches(p, key)]
+        return found + [reader for p in patterns for reader in self._readers[p]] if patterns else found
+
+    def _offer_all_retained(self, port: Input[Any]) -> None:
+        for key, (topic, message) in self._last.items():
+            if topic.latched and matches(port.topic.pattern, key):
+                port.offer_retained(self._encoded(message), key)
+
+    def _offer(self, name: str, port: Input[Any], sample: bytes | Message, key: str) -> None:
+        port.offer(sample, key if port.is_pattern else "")
         if port.wakes:
             self._ready[name] = None

@@ -325,7 +325,36 @@ class Heartbeat(Message):
     step_max_ms: float
     malformed: Count = Field(0, description="messages dropped because they did not fit their schema, since start")
     gaps: Count = Field(0, description="messages missed by the sequence numbers, since start")
+    dropped: Count = Field(
+        0, description="messages pushed out of a full queue before the service took them, since start"
+    )
+    overwritten: Count = Field(
+        0, description="messages that a newer one replaced before the service looked, since start"
+    )
     note: Text = Field("", description="last thing worth telling, such as the first malformed message")
+
+
+class Traffic(BaseModel):
+    """What goes over the hub on one key or from one source, over the last second."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, json_schema_extra=_state_units)
+
+    messages_hz: float
+    bytes_s: float
+
+
+class HubStatistics(Message):
+    """What the hub carries. Of keys and sources only the busiest are named."""
+
+    clients: Count = Field(description="connected to the hub that says so")
+    linked: bool = Field(description="the other one of hub and standby is connected")
+    keys: Count = Field(description="keys that the hub knows")
+    messages_hz: float
+    bytes_s: float
+    refused: Count = Field(0, description="messages not kept since start: too large, too many keys, wildcard keys")
+    by_key: dict[Key, Traffic] = {}
+    by_source: dict[Name, Traffic] = {}
+    missed: dict[Name, Count] = Field({}, description="reader -> gaps and dropped messages that its heartbeat tells")
 
 
 class RecorderStatus(Message):

@@ -21,7 +21,6 @@ import time
 from collections.abc import Iterator, Sequence
 
 from bus.clock import NS, Clock, SystemClock
-from bus.hub import Hub
 from bus.service import Service
 from bus.stepper import Stepper
 from bus.zenoh_bus import ZenohBus
@@ -38,8 +37,6 @@ def run(service: Service, bus: ZenohBus, clock: Clock | None = None) -> None:
     """
     clock = clock or SystemClock()
     with _signals() as signal_fd, contextlib.closing(_Waker()) as waker:
-        if isinstance(service, Hub):
-            service.serve(bus)
         stepper = Stepper(service, bus.publish, time.perf_counter)
         bus.attach(service, waker.wake)
         try:
@@ -62,14 +59,17 @@ def _loop(stepper: Stepper, clock: Clock, waker: _Waker, signal_fd: int, watchdo
         selector.register(signal_fd, selectors.EVENT_READ)
         while True:
             watched = _watch(selector, watched, stepper.service.files())
-            wait_s = (stepper.due_ns - clock.now_ns()) / NS
+            now_ns = clock.now_ns()
+            wait_s = (stepper.next_ns(now_ns) - now_ns) / NS
             ready = {key.fd for key, _ in selector.select(max(wait_s, 0.0))}
             if signal_fd in ready:
                 return
+            now_ns = clock.now_ns()
             if waker.fd in ready:
                 waker.clear()
-            now_ns = clock.now_ns()
-            if ready or now_ns >= stepper.due_ns:
+                if not stepper.woken(now_ns):
+                    ready.remove(waker.fd)
+            if ready or now_ns >= stepper.next_ns(now_ns):
                 stepper.step(now_ns)
             watchdog.feed(now_ns)
 

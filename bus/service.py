@@ -16,6 +16,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
+from bus.clock import NS
 from bus.messages import Message, Text
 from bus.topics import Topic
 
@@ -28,6 +29,11 @@ FUTURE_TOLERANCE_S = 0.1
 
 BACKLOG = 8
 """Samples kept between two steps by an input that wants only the latest: a malformed one must not hide a good one."""
+PATTERN_BACKLOG = 512
+"""The same for an input of many keys, such as all heartbeats."""
+MAX_PAYLOAD_BYTES = 4_000_000
+"""A larger payload is malformed without a look: parsing it would hold up the step."""
+_HEADER = frozenset(Message.model_fields)
 
 
 class RawSample(NamedTuple):
@@ -47,51 +53,123 @@ class Moment:
 
 
 class Input(Generic[M]):
-    """What a service reads: the latest message of a topic, or with `queue=n` all of them, at most n a step."""
+    """What a service reads: the latest message of a topic, or with `queue=n` all of them, at most n a step.
 
-    def __init__(self, topic: Topic[M], *, max_age_s: float | None = None, wakes: bool = False, queue: int = 0) -> None:
+    max_age_s: `fresh` returns nothing older. wakes: a message makes the service step at once. min_interval_s: take
+    over at most once in so many seconds; the last of a burst always arrives. changed_only: wake and set `updated` only
+    when the content differs from the message before. A topic with a placeholder (`service/{name}/heartbeat`) is read
+    on all its keys; the newest of each is in `by_key`.
+    """
+
+    def __init__(
+        self,
+        topic: Topic[M],
+        *,
+        max_age_s: float | None = None,
+        wakes: bool = False,
+        queue: int = 0,
+        min_interval_s: float = 0.0,
+        changed_only: bool = False,
+    ) -> None:
         self.topic = topic
         self.max_age_s = max_age_s
         self.wakes = wakes
         self.queue = queue
+        self.min_interval_ns = round(min_interval_s * NS)
+        self.changed_only = changed_only
+        self.is_pattern = topic.pattern != topic.key
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all messages: each service object has a port of its own."""
         self.latest: M | None = None
         """The newest message whatever its age, None before the first."""
+        self.by_key: dict[str, M] = {}
+        """The newest message of each key, of a topic with a placeholder."""
         self.updated = False
-        """Whether `latest` came since the step before."""
+        """Whether `latest` came (with `changed_only`: differs) since the step before."""
         self.malformed = 0
         self.gaps = 0
+        self.dropped = 0
+        """Messages pushed out of a full queue."""
+        self.overwritten = 0
+        """Messages that a newer one replaced before the service looked, where it wants only the latest."""
         self.problem = ""
-        self._pending: deque[bytes | Message] = deque(maxlen=queue or BACKLOG)
+        limit = self.queue or (PATTERN_BACKLOG if self.is_pattern else BACKLOG)
+        self._pending: deque[tuple[str, int, bytes | Message]] = deque(maxlen=limit)
+        self._offers: dict[str, int] = {}
+        self._arrived: list[M] = []
         self._taken: list[M] = []
-        self._offered = 0
-        self._seen = 0
-        self._sequence = (-1, "")
+        self._last: dict[str, tuple[str, int, int]] = {}
+        self._held_until_ns = 0
 
-    def offer(self, sample: bytes | Message) -> None:
-        """Hand over a sample; called by the transport, from any thread."""
-        self._offered += 1
-        self._pending.append(sample)
+    def offer(self, sample: bytes | Message, key: str = "") -> None:
+        """Hand over a sample; called by the transport, from any thread. `key` matters to a topic of many keys only."""
+        self._offers[key] = number = self._offers.get(key, 0) + 1
+        if len(self._pending) == self._pending.maxlen:
+            self._miss(1)
+        self._pending.append((key, number, sample))
 
-    def offer_retained(self, sample: bytes | Message) -> None:
+    def offer_retained(self, sample: bytes | Message, key: str = "") -> None:
         """Hand over the last value the hub kept, unless something newer came already."""
-        if self.latest is None and not self._pending:
-            self.offer(sample)
+        if key not in self._offers:
+            self.offer(sample, key)
 
-    def refresh(self) -> None:
+    def refuse(self, reason: str) -> None:
+        """Count a sample that cannot be taken over."""
+        self.malformed += 1
+        self.problem = f"{self.topic.key}: dropped a malformed message: {reason}"
+
+    def due_ns(self, now_ns: int) -> int | None:
+        """Return when the service should step for what was offered: now, after the interval, or None for not at all."""
+        if self._held(now_ns) and (self._pending or self._arrived):
+            return self._held_until_ns
+        if self.changed_only:
+            self._decode_pending()
+        elif self._pending:
+            return now_ns
+        return now_ns if self._arrived else None
+
+    def refresh(self, now_ns: int = 0) -> None:
         """Take over what was offered; called by the loop before each step."""
         self.updated = False
         if self._taken:
             self._taken = []
+        if self._held(now_ns):
+            return
+        if self._pending:
+            self._decode_pending()
+        if self._arrived:
+            self.updated = True
+            self._held_until_ns = now_ns + self.min_interval_ns
+            if self.queue:
+                self._taken = self._arrived[-self.queue :]
+            if not self.is_pattern:
+                self._miss(len(self._arrived) - max(len(self._taken), 1))
+            self._arrived = []
+
+    def _held(self, now_ns: int) -> bool:
+        return 0 < self._held_until_ns - now_ns <= self.min_interval_ns  # a clock set back holds nothing
+
+    def _miss(self, count: int) -> None:
+        if self.queue:
+            self.dropped += count
+        else:
+            self.overwritten += count
+
+    def _decode_pending(self) -> None:
         while self._pending:
-            sample = self._pending.popleft()
+            key, number, sample = self._pending.popleft()
             message = self._decode(sample)
             if message is None:
                 continue
-            self._count_gaps(message)
+            self._count_gaps(key, number, message)
+            before = self.by_key.get(key) if self.is_pattern else self.latest
             self.latest = message
-            self.updated = True
-            if self.queue:
-                self._taken.append(message)
+            if self.is_pattern:
+                self.by_key[key] = message
+            if not (self.changed_only and before is not None and _content(before) == _content(message)):
+                self._arrived.append(message)
 
     def _decode(self, sample: bytes | Message) -> M | None:
         if isinstance(sample, self.topic.message):
@@ -99,18 +177,19 @@ class Input(Generic[M]):
         try:
             if isinstance(sample, Message):
                 raise ValueError(f"got a {type(sample).__name__}")
+            if len(sample) > MAX_PAYLOAD_BYTES:
+                raise ValueError(f"it has {len(sample)} bytes")
             return self.topic.message.decode(sample)
         except ValueError as error:
-            self.malformed += 1
-            self.problem = f"{self.topic.key}: dropped a malformed message: {first_line(error)}"
+            self.refuse(first_line(error))
             return None
 
-    def _count_gaps(self, message: M) -> None:
-        offered, self._seen = self._offered - self._seen, self._offered
-        last, source = self._sequence
+    def _count_gaps(self, key: str, number: int, message: M) -> None:
+        """Count what the sequence numbers say was sent but was never offered."""
+        source, last, last_number = self._last.get(key, ("", 0, 0))
         if source == message.source and message.seq > last:
-            self.gaps += max(0, message.seq - last - max(offered, 1))
-        self._sequence = (message.seq, message.source)
+            self.gaps += max(0, message.seq - last - (number - last_number))
+        self._last[key] = (message.source, message.seq, number)
 
     def fresh(self, now_s: float) -> M | None:
         """Return the latest message unless its stamp is older than `max_age_s` or lies in the future."""
@@ -141,6 +220,11 @@ class RawInput:
             self._pending.popleft()
             self.dropped += 1
         self._pending.append(sample)
+
+    @property
+    def waits(self) -> bool:
+        """Whether something that should wake the service has not been taken."""
+        return self.wakes and bool(self._pending)
 
     def take(self) -> list[RawSample]:
         """Return what came since the last call, oldest first."""
@@ -238,11 +322,14 @@ class Service:
 def _own(port: Port) -> Port:
     fresh = copy.copy(port)
     if isinstance(fresh, Input):
-        fresh._pending = deque(maxlen=fresh.queue or BACKLOG)
-        fresh._taken = []
+        fresh.reset()
     elif isinstance(fresh, RawInput):
         fresh._pending = deque()
     return fresh
+
+
+def _content(message: Message) -> dict[str, Any]:
+    return {name: value for name, value in message.__dict__.items() if name not in Message.model_fields}
 
 
 def first_line(error: Exception) -> Text:

@@ -27,6 +27,9 @@ class Stepper:
         self._moment = Moment(source=service.name)
         self._inputs = service.inputs
         self._raw_inputs = service.raw_inputs
+        waking = [port for port in self._inputs if port.wakes]
+        self._choosy = [port for port in waking if port.min_interval_ns or port.changed_only]
+        self._eager = [port for port in waking if port not in self._choosy]
         self._heartbeat = Output(HEARTBEAT.of(service.name))
         for output in [*service.outputs, self._heartbeat]:
             output.bind(self._moment, send)
@@ -50,7 +53,7 @@ class Stepper:
         """Run one step and set when the next is due."""
         self._moment.now_ns = now_ns
         for port in self._inputs:
-            port.refresh()
+            port.refresh(now_ns)
             if port.problem:
                 self._tell_problem(port.topic.key, port.problem)
                 port.problem = ""
@@ -63,6 +66,18 @@ class Stepper:
         self._schedule(now_ns)
         if now_ns - self._beat_ns >= HEARTBEAT_NS:
             self._beat("running", now_ns)
+
+    def woken(self, now_ns: int) -> bool:
+        """Whether a wake means a step now, or only one later (`next_ns`), or none: nothing has changed."""
+        if not self._choosy:
+            return True
+        if any(port.due_ns(now_ns) for port in self._eager) or any(raw.waits for raw in self._raw_inputs):
+            return True
+        return self.next_ns(now_ns) <= now_ns
+
+    def next_ns(self, now_ns: int) -> int:
+        """Return when the next step is due: after the period, or before that for an input whose interval is over."""
+        return min([self.due_ns, *(at for port in self._choosy if (at := port.due_ns(now_ns)) is not None)])
 
     def _schedule(self, now_ns: int) -> None:
         if now_ns < self.due_ns:  # woken by an input
@@ -100,7 +115,9 @@ class Stepper:
                 step_mean_ms=1e3 * self._busy_s / max(self._steps, 1),
                 step_max_ms=1e3 * self._longest_s,
                 malformed=sum(port.malformed for port in self._inputs),
-                gaps=sum(port.gaps for port in self._inputs) + sum(port.dropped for port in self._raw_inputs),
+                gaps=sum(port.gaps for port in self._inputs),
+                dropped=sum(port.dropped for port in self._inputs) + sum(port.dropped for port in self._raw_inputs),
+                overwritten=sum(port.overwritten for port in self._inputs),
                 note=self.service.note or self._note,
             )
         )

@@ -94,6 +94,10 @@ SIMULATION_TRUTH = Topic(
 )
 SIMULATION_FAULT = Topic("simulation/fault", m.SimulationFault, OPERATOR, "Faults to inject.", None, Qos.REQUEST)
 
+HUB_STATISTICS = Topic(
+    "hub/statistics", m.HubStatistics, "hub", "What the hub carries, by key and by source; readers' losses.", 1.0
+)
+
 HEARTBEAT = Topic("service/{name}/heartbeat", m.Heartbeat, "*", "Life sign from inside each service's loop.", 1.0)
 
 

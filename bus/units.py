@@ -6,6 +6,7 @@ SUFFIXES: dict[str, str] = {
     "rad_s": "rad/s",
     "px_per_m": "px/m",
     "mb_s": "MB/s",
+    "bytes_s": "B/s",
     "m2": "m^2",
     "m": "m",
     "rad": "rad",

@@ -11,16 +11,24 @@ from typing import Any
 
 import zenoh
 
-from bus.clock import NS, Clock, SystemClock
+from bus.clock import Clock, SystemClock
 from bus.config import ConfigError
+from bus.keys import is_pattern
 from bus.messages import Message
 from bus.service import Input, RawSample, Service, first_line
+from bus.store import Entry, Store
 from bus.topics import Qos, Topic
 
 log = logging.getLogger("bus")
 
 LEASE_MS = 400
 """A silent hub counts as dead after this; found in docs/adr/0001-zenoh.md to survive a loaded two-core machine."""
+
+MAX_MESSAGE_BYTES = 32_000_000
+"""A larger message ends its sender's connection: Zenoh's own limit is 1 GB, and it would be gathered in memory."""
+
+_DUMP = "@hub/store"
+"""Where a hub gives all its values to the other one; no wildcard fits a chunk with an @."""
 
 _PRIORITY = {
     Qos.COMMAND: zenoh.Priority.REAL_TIME,
@@ -43,27 +51,33 @@ class LastValue:
     received_ns: int
     count: int
     rate_hz: float
+    source: str
 
 
-def _settings(mode: str, endpoints: tuple[str, ...], timeout_ms: int) -> zenoh.Config:
-    ends: dict[str, Any] = {"endpoints": list(endpoints)}
+def _settings(mode: str, listen: tuple[str, ...], connect: tuple[str, ...], timeout_ms: int) -> zenoh.Config:
+    link = {"tx": {"lease": LEASE_MS}, "rx": {"max_message_size": MAX_MESSAGE_BYTES}}
     values: dict[str, Any] = {
         "mode": mode,
         "scouting": {"multicast": {"enabled": False}},
-        "transport": {"link": {"tx": {"lease": LEASE_MS}}, "unicast": {"open_timeout": 200}},
+        "transport": {"link": link, "unicast": {"open_timeout": 200}},
     }
-    if mode == "router":
-        values["listen"] = ends | {"exit_on_failure": True}
-    else:
-        retry = {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2}
-        values["connect"] = ends | {"timeout_ms": timeout_ms, "exit_on_failure": timeout_ms >= 0, "retry": retry}
+    if listen:
+        values["listen"] = {"endpoints": list(listen), "exit_on_failure": True}
+    if connect:
+        values["connect"] = {
+            "endpoints": list(connect),
+            "timeout_ms": timeout_ms,
+            "exit_on_failure": timeout_ms >= 0,
+            "retry": {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2},
+        }
     return zenoh.Config.from_json5(json.dumps(values))
 
 
-def _open(mode: str, endpoints: tuple[str, ...], timeout_ms: int) -> zenoh.Session:
+def _open(mode: str, endpoints: tuple[str, ...], timeout_ms: int, link: tuple[str, ...] = ()) -> zenoh.Session:
     zenoh.init_log_from_env_or("off")  # its own lines repeat what we say in one
+    listen, connect = ((), endpoints) if mode == "client" else (endpoints, link)
     try:
-        return zenoh.open(_settings(mode, endpoints, timeout_ms))
+        return zenoh.open(_settings(mode, listen, connect, timeout_ms))
     except zenoh.ZError as error:
         where = ", ".join(endpoints)
         if mode == "client":
@@ -97,11 +111,6 @@ class ZenohBus:
         finally:
             reminder.cancel()
 
-    @classmethod
-    def listen(cls, vessel: str, endpoints: tuple[str, ...]) -> ZenohBus:
-        """Return the hub's own end: a router. Raises ConfigError when the address is taken."""
-        return cls(_open("router", endpoints, -1), vessel)
-
     def attach(self, service: Service, wake: Callable[[], None]) -> None:
         """Declare a service's ports; `wake` is called from another thread when an input that wakes has something."""
         for port in service.inputs:
@@ -134,17 +143,18 @@ class ZenohBus:
 
     def last_values(self, pattern: str = "**", timeout_s: float = 1.0) -> list[LastValue]:
         """Return what the hub knows of the keys that fit a pattern; empty when there is none."""
-        found = []
+        found: dict[str, LastValue] = {}
         for reply in self.session.get(self._key(pattern), timeout=timeout_s):
             if reply.ok is None:
                 continue
             about = json.loads(reply.ok.attachment.to_bytes()) if reply.ok.attachment else {}
             payload = reply.ok.payload.to_bytes() if about.get("kept", True) else None
             key = self._strip(str(reply.ok.key_expr))
-            found.append(
-                LastValue(key, payload, about.get("received_ns", 0), about.get("count", 0), about.get("rate_hz", 0.0))
-            )
-        return sorted(found)
+            received_ns = about.get("received_ns", 0)
+            if key not in found or found[key].received_ns < received_ns:  # two hubs may answer
+                count, rate_hz, source = about.get("count", 0), about.get("rate_hz", 0.0), about.get("source", "")
+                found[key] = LastValue(key, payload, received_ns, count, rate_hz, source)
+        return sorted(found.values())
 
     def alive(self, timeout_s: float = 1.0) -> set[str]:
         """Return the names of the services whose liveliness token stands."""
@@ -154,7 +164,7 @@ class ZenohBus:
     def pull_retained(self) -> None:
         """Ask the hub for the last values of inputs that have none yet; they come by themselves."""
         for port in self._retained:
-            if port.latest is None:
+            if port.latest is None or port.is_pattern:
                 self.session.get(self._key(port.topic.pattern), self._retained_handler(port), timeout=1.0)
 
     def close(self) -> None:
@@ -178,8 +188,16 @@ class ZenohBus:
         return publisher
 
     def _handler(self, port: Input[Any], wake: Callable[[], None] | None) -> zenoh.handlers.Callback[zenoh.Sample]:
+        exact = self._key(port.topic.key)
+
         def take(sample: zenoh.Sample) -> None:
-            port.offer(sample.payload.to_bytes())
+            key = str(sample.key_expr)
+            if key == exact:
+                port.offer(sample.payload.to_bytes())
+            elif port.is_pattern and not is_pattern(key):
+                port.offer(sample.payload.to_bytes(), self._strip(key))
+            else:
+                port.refuse(f"it was put on {key[:100]}")
             if wake is not None:
                 wake()
 
@@ -188,7 +206,8 @@ class ZenohBus:
     def _retained_handler(self, port: Input[Any]) -> Callable[[zenoh.Reply], None]:
         def take(reply: zenoh.Reply) -> None:
             if reply.ok is not None and reply.ok.payload:
-                port.offer_retained(reply.ok.payload.to_bytes())
+                key = self._strip(str(reply.ok.key_expr)) if port.is_pattern else ""
+                port.offer_retained(reply.ok.payload.to_bytes(), key)
 
         return take
 
@@ -210,81 +229,96 @@ class ZenohBus:
         return key.removeprefix(self.vessel + "/")
 
 
-class Store:
-    """The hub's memory: last value, count and rate of every key, answered to whoever asks.
+class HubBus(ZenohBus):
+    """The hub's own end of the bus: a router with the store, linked to the other hub if there is one.
 
-    Commands and requests are counted but not kept: they must never come back from the past. Unknown keys are kept;
-    the number of keys and the size of a value are bounded, so that no client can fill the hub's memory.
+    Links go one way (from the standby to the hub): mutual ones have made the router panic. Until it has the other's
+    values, a hub does not claim to know them all, so that queries reach the one that does.
     """
 
-    MAX_KEYS = 10_000
-    MAX_BYTES = 2_000_000
-
-    def __init__(self, bus: ZenohBus, latched: Callable[[str], bool], clock: Clock | None = None) -> None:
-        self.refused = 0
-        """Messages not kept because there were too many keys or too many bytes."""
-        self._clock = clock or SystemClock()
-        self._entries: dict[str, _Entry] = {}
-        self._latched = latched
-        self._bus = bus
-        everything = bus._key("**")
-        handler = zenoh.handlers.Callback(self._keep, indirect=False)
-        self._kept = [
-            bus.session.declare_subscriber(everything, handler),
-            bus.session.declare_queryable(everything, self._answer, complete=True),
+    def __init__(self, session: zenoh.Session, vessel: str, store: Store) -> None:
+        super().__init__(session, vessel)
+        self.pulled = False
+        """Whether the values of the hub linked now have been taken over."""
+        self._store = store
+        self._announced = False
+        everything = self._key("**")
+        self._kept += [
+            session.declare_subscriber(everything, zenoh.handlers.Callback(self._keep, indirect=False)),
+            session.declare_queryable(self._key(_DUMP), self._dump),
         ]
+        self._answers = session.declare_queryable(everything, self._answer)
 
-    def update_rates(self) -> None:
-        """Work out the rate of every key since the last call."""
-        now_ns = self._clock.now_ns()
-        for entry in list(self._entries.values()):
-            entry.update_rate(now_ns)
+    @classmethod
+    def listen(cls, vessel: str, endpoints: tuple[str, ...], store: Store, link: tuple[str, ...] = ()) -> HubBus:
+        """Return a router that listens at `endpoints` and links to `link`; raise ConfigError for a taken address."""
+        return cls(_open("router", endpoints, -1, link), vessel, store)
+
+    @property
+    def clients(self) -> int:
+        """How many clients are connected to this hub."""
+        return sum(t.whatami == zenoh.WhatAmI.CLIENT for t in self.session.info.transports())
+
+    @property
+    def linked(self) -> bool:
+        """Whether the other hub is connected."""
+        return any(t.whatami == zenoh.WhatAmI.ROUTER for t in self.session.info.transports())
+
+    def pull_store(self) -> None:
+        """Ask the other hub for its values, until they have come; to be called until `pulled`."""
+        self.session.get(
+            self._key(_DUMP),
+            self._merge,
+            allowed_destination=zenoh.Locality.REMOTE,
+            target=zenoh.QueryTarget.ALL,
+            timeout=1.0,
+        )
+
+    def announce(self) -> None:
+        """Claim to know every key, so that queries end here."""
+        if not self._announced:
+            self._announced = True
+            before = self._answers
+            self._answers = self.session.declare_queryable(self._key("**"), self._answer, complete=True)
+            before.undeclare()  # type: ignore[no-untyped-call]
+
+    def _on_transport(self, event: zenoh.TransportEvent) -> None:
+        if event.transport.whatami == zenoh.WhatAmI.ROUTER:
+            self.pulled = False
 
     def _keep(self, sample: zenoh.Sample) -> None:
-        key = str(sample.key_expr)
-        entry = self._entries.get(key)
-        if entry is None:
-            if len(self._entries) >= self.MAX_KEYS:
-                self.refused += 1
-                return
-            entry = self._entries[key] = _Entry(self._latched(self._bus._strip(key)))
-        if len(sample.payload) > self.MAX_BYTES:
-            self.refused += 1
-            return
-        entry.count += 1
-        entry.received_ns = self._clock.now_ns()
-        if entry.latched:
-            entry.payload = sample.payload
+        key = self._strip(str(sample.key_expr))
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._store.keep(key, sample.payload.to_bytes(), self._clock.now_ns())
+        else:
+            self._store.forget(key)
 
     def _answer(self, query: zenoh.Query) -> None:
         with query:
-            for key, entry in list(self._entries.items()):
-                if query.key_expr.intersects(zenoh.KeyExpr(key)):
-                    query.reply(key, entry.payload or b"", attachment=entry.about())
+            for key, entry in self._store.items():
+                if query.key_expr.intersects(full := zenoh.KeyExpr(self._key(key))):
+                    query.reply(full, entry.payload or b"", attachment=_about(entry))
+
+    def _dump(self, query: zenoh.Query) -> None:
+        with query:
+            query.reply(query.key_expr, self._store.dump())
+
+    def _merge(self, reply: zenoh.Reply) -> None:
+        if reply.ok is None:
+            return
+        try:
+            self._store.merge(reply.ok.payload.to_bytes())
+        except ValueError as error:
+            log.warning("the other hub's values cannot be read: %s", error)
+        self.pulled = True
 
 
-class _Entry:
-    """The hub's memory of one key."""
-
-    def __init__(self, latched: bool) -> None:
-        self.latched = latched
-        self.payload: zenoh.ZBytes | None = None
-        self.received_ns = 0
-        self.count = 0
-        self.rate_hz = 0.0
-        self._counted = 0
-        self._counted_ns = 0
-
-    def update_rate(self, now_ns: int) -> None:
-        if self._counted_ns:
-            self.rate_hz = (self.count - self._counted) * NS / max(now_ns - self._counted_ns, 1)
-        self._counted, self._counted_ns = self.count, now_ns
-
-    def about(self) -> bytes:
-        values = {
-            "kept": self.payload is not None,
-            "received_ns": self.received_ns,
-            "count": self.count,
-            "rate_hz": round(self.rate_hz, 2),
-        }
-        return json.dumps(values).encode()
+def _about(entry: Entry) -> bytes:
+    values = {
+        "kept": entry.payload is not None,
+        "received_ns": entry.received_ns,
+        "count": entry.traffic.count,
+        "rate_hz": round(entry.traffic.rate_hz, 2),
+        "source": entry.source,
+    }
+    return json.dumps(values).encode()

@@ -55,6 +55,7 @@ class Process:
 
 PROCESSES = (
     Process("hub", "bus.hub:Hub", priority=10),
+    Process("hub_standby", "bus.hub:StandbyHub", priority=10),
     Process("recorder", "logs.recorder:Recorder", priority=20),
     Process("platform_link", "platform_link.service:PlatformLink"),
     Process("allocator", "services.allocator:Allocator"),
@@ -87,9 +88,16 @@ class Settings:
     system: SystemConfig
 
     @property
+    def hub(self) -> HubConfig:
+        """Where the hubs listen."""
+        return parse(HubConfig, self.tables.get("hub", {}), self.path or Path("defaults"), "hub")
+
+    @property
     def processes(self) -> tuple[Process, ...]:
         """The processes that this configuration starts."""
         own = {p.name: p for p in PROCESSES if self.system.simulation or not p.simulation_only}
+        if not self.hub.standby:
+            del own["hub_standby"]
         for name, target in self.system.services.items():
             own[name] = replace(own[name], target=target) if name in own else Process(name, target)
         return tuple(own.values())
@@ -115,13 +123,14 @@ class Settings:
 
     def deployment(self) -> Deployment:
         """Return where this system lives."""
-        hub = parse(HubConfig, self.tables.get("hub", {}), self.path or Path("defaults"), "hub")
+        hub = self.hub
         return Deployment(
             config_path=self.path,
             vessel_path=vessel_path(self.system.vessel),
             run_dir=run_dir(),
             recordings_dir=self.system.recordings.absolute(),
-            hub_endpoints=hub.listen,
+            hub_endpoints=(*hub.listen, hub.standby) if hub.standby else hub.listen,
+            hub_standby=hub.standby,
         )
 
 

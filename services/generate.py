@@ -34,10 +34,11 @@ def published_by(process: Process) -> list[Topic[Any]]:
 
 def star_diagram() -> str:
     """Return the star as a Mermaid flowchart: what each process sends to the hub and gets from it."""
-    lines = ["flowchart LR", "    hub((hub))", "    operator([operator: page, command line])"]
+    lines = ["flowchart LR", "    hub((hub)) -. everything .- hub_standby((hub_standby))"]
+    lines.append("    operator([operator: page, command line])")
     lines.append(f'    operator -- "{_keys(t for t in topics.all_topics() if t.publisher == OPERATOR)}" --> hub')
     for process in PROCESSES:
-        if process.name == "hub":
+        if process.name in ("hub", "hub_standby"):
             continue
         sent, got = published_by(process), read_by(process)
         own = [t for t in sent if t.publisher != OPERATOR]

@@ -28,11 +28,12 @@ def run(
     entry = settings.process(name)
     service = build(entry, settings)
 
+    from bus.hub import Hub
     from bus.run import run as run_loop
     from bus.zenoh_bus import ZenohBus
     from services.vessels import vessel_path
 
     endpoints = (hub,) if hub else settings.deployment().hub_endpoints
     vessel = vessel_path(settings.system.vessel).stem
-    connect = ZenohBus.listen if entry.name == "hub" else ZenohBus.connect
-    run_loop(service, connect(vessel, endpoints))
+    bus = service.open_bus(vessel) if isinstance(service, Hub) else ZenohBus.connect(vessel, endpoints)
+    run_loop(service, bus)

@@ -37,6 +37,8 @@ def up(
         )
     deployment = settings.deployment()
     deployment.run_dir.mkdir(mode=0o700, parents=True, exist_ok=True)
+    for old in deployment.run_dir.glob("*.snapshot"):
+        old.unlink()  # what an earlier system knew is not this one's state
     page = page_address(settings)
     vessel = deployment.vessel_path.stem if deployment.vessel_path else settings.system.vessel
     system = System(os.getpid(), vessel, deployment.hub_endpoints, page, settings.path, deployment.recordings_dir)

@@ -163,7 +163,7 @@ def test_ctrl_c_stops_everything_and_leaves_a_whole_recording() -> None:
     with RunningStar(system=NOTING) as star:
         star.hold(*PLACE)
         pids = [star.pid(name) for name in star.states()]
-        assert len(pids) == 10
+        assert len(pids) == 11
         took_s = star.interrupt()
         assert took_s < 5.0
         assert not [pid for pid in pids if psutil.pid_exists(pid)]

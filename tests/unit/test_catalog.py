@@ -21,7 +21,7 @@ def test_every_input_has_a_publisher_and_every_output_its_owner() -> None:
     published = {t.key for p in PROCESSES for t in published_by(p)}
     for process in PROCESSES:
         for topic in published_by(process):
-            assert owned[topic.key] in (process.name, topics.OPERATOR), f"{process.name} publishes {topic.key}"
+            assert owned[topic.key] in (process.name.removesuffix("_standby"), topics.OPERATOR), f"{process.name} publishes {topic.key}"
         for topic in read_by(process):
             assert topic.key in published or owned[topic.key] == topics.OPERATOR, f"nobody publishes {topic.key}"
 
@@ -105,7 +105,7 @@ def test_the_supervisors_configuration_comes_from_the_catalogue() -> None:
     text = supervisor_config(PROCESSES, Path("/run/x"), Path("/etc/pool.toml"))
     for process in PROCESSES:
         assert f"[program:{process.name}]" in text
-    assert "programs=hub\npriority=10" in text, "the hub is a group of its own and stops last"
+    assert "programs=hub,hub_standby\npriority=10" in text, "the hubs are a group of their own and stop last"
     assert text.count('"--config" "/etc/pool.toml"') == len(PROCESSES)
 
 
