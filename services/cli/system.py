@@ -72,20 +72,23 @@ def service_states() -> list[dict[str, Any]]:
 
 
 @contextlib.contextmanager
-def client(hub: str | None, timeout_s: float = 2.0) -> Iterator[ZenohBus]:
-    """Connect a tool to the hub of the running system, or to the one given; raise CliError when nobody answers."""
+def client(hub: str | None, timeout_s: float = 2.0, vessel: str | None = None) -> Iterator[ZenohBus]:
+    """Connect a tool to the hub of the running system, or to the one given; raise CliError when nobody answers.
+
+    `vessel` is the prefix of all keys, where it is not the running system's.
+    """
     from bus.zenoh_bus import HubUnreachableError, ZenohBus
     from services.catalog import load_settings
 
     system = running()
     if system is None and hub is None:
         deployment = load_settings(None).deployment()
-        vessel, endpoints = load_settings(None).system.vessel, deployment.hub_endpoints
+        prefix, endpoints = load_settings(None).system.vessel, deployment.hub_endpoints
     else:
-        vessel = system.vessel if system else load_settings(None).system.vessel
+        prefix = system.vessel if system else load_settings(None).system.vessel
         endpoints = (hub,) if hub else (system.hub if system else ())
     try:
-        bus = ZenohBus.connect(vessel, endpoints, timeout_s)
+        bus = ZenohBus.connect(vessel or prefix, endpoints, timeout_s)
     except HubUnreachableError as error:
         raise CliError(str(error)) from None
     try:
