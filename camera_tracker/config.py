@@ -4,12 +4,32 @@ from __future__ import annotations
 
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from bus.config import Section
 from camera_tracker import marker
 
 Channel = Annotated[int, Field(ge=0, le=255)]
+
+DICTIONARIES = {
+    **{f"{n}x{n}_{count}": count for n in (4, 5, 6, 7) for count in (50, 100, 250, 1000)},
+    "aruco_original": 1024,
+    "apriltag_16h5": 30,
+    "apriltag_25h9": 35,
+    "apriltag_36h10": 2320,
+    "apriltag_36h11": 587,
+    "aruco_mip_36h12": 250,
+}
+"""Dictionaries of square markers, as OpenCV calls them without DICT_ and in lower case: how many markers each has."""
+
+
+def _known_dictionary(name: str) -> str:
+    if name not in DICTIONARIES:
+        raise ValueError(f"no such dictionary: {name}; known: {', '.join(DICTIONARIES)}")
+    return name
+
+
+Dictionary = Annotated[str, AfterValidator(_known_dictionary)]
 
 
 class Colour(Section):
@@ -24,17 +44,31 @@ class Colour(Section):
 
 
 class Vehicle(Section):
-    """A vehicle by its marker: two patches, or one asymmetric patch (thesis Algorithm 3.2) that is wider behind.
+    """A vehicle by its marker: two patches, one patch (thesis Algorithm 3.2), or a square marker of a dictionary.
 
-    The position is the middle between the patches, the heading goes from `rear` to `front`, plus `heading_deg`.
+    Of two patches the position is the middle, and the heading goes from `rear` to `front`; of one it goes along the
+    long axis to the thin end; of a square marker from left to right as printed; plus `heading_deg`.
     """
 
     name: str = Field(max_length=64)
-    front: str = Field(description="colour of the patch, of the front one if there are two")
+    front: str | None = Field(None, description="colour of the patch, of the front one if there are two")
     rear: str | None = Field(None, description="colour of the rear patch")
     spacing_px: float | None = Field(None, gt=0, description="distance between the patches; a pair off by 30 % is none")
     area_px2: float | None = Field(None, gt=0, description="size of each patch; other sizes lower the quality")
-    heading_deg: float = Field(0.0, description="from the line rear - front to the vehicle's x axis, clockwise")
+    dictionary: Dictionary | None = Field(None, description="of a square marker: 4x4_50, apriltag_36h11, ...")
+    marker: int | None = Field(None, ge=0, description="number of the square marker in its dictionary")
+    heading_deg: float = Field(0.0, description="from the marker's axis to the vehicle's x axis, clockwise")
+    goes_ahead: bool = Field(False, description="one patch with two like ends: its direction of travel shows the front")
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        if (self.front is None) == (self.dictionary is None):
+            raise ValueError(f"vehicle {self.name}: give either front (a colour) or dictionary and marker")
+        if (self.dictionary is None) != (self.marker is None):
+            raise ValueError(f"vehicle {self.name}: dictionary and marker belong together")
+        if self.dictionary is not None and (self.marker or 0) >= DICTIONARIES[self.dictionary]:
+            raise ValueError(f"vehicle {self.name}: {self.dictionary} has no marker {self.marker}")
+        return self
 
 
 class Rectangle(Section):
@@ -54,6 +88,7 @@ class CameraTrackerConfig(Section):
     image_rate_hz: float = Field(5.0, ge=0, le=60, description="of camera/image; 0: none")
     colours: dict[str, Colour] = Field(default_factory=dict)
     vehicles: tuple[Vehicle, ...] = ()
+    every_marker_of: Dictionary | None = Field(None, description="take each marker of a dictionary for a vehicle")
     ignore: tuple[Rectangle, ...] = ()
     min_area_px2: float = Field(20.0, gt=0, description="smaller patches are noise")
 
@@ -73,7 +108,7 @@ class CameraTrackerConfig(Section):
 
         With a scale the marker's size is known, too, and pairs of patches that do not have it are refused.
         """
-        if self.vehicles:
+        if self.vehicles or self.every_marker_of is not None:
             return self
         vehicle = Vehicle(name=name, front="yellow", rear="red")
         if scale_px_per_m is not None:

@@ -10,7 +10,7 @@ from bus.config import Deployment
 from bus.messages import CameraImage, CameraPose, CameraStatus
 from bus.service import Output, Service
 from camera_tracker.config import CameraTrackerConfig
-from camera_tracker.detectors.colour import Detection
+from camera_tracker.detectors.base import Detection
 from camera_tracker.sources import Frame, Source, SourceError, open_source
 from camera_tracker.tracking import Tracker
 from marine.vessel import Vessel

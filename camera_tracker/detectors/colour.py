@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camera_tracker.config import Colour
+from camera_tracker.detectors.base import Detection, Region, doubtful, worst
 from camera_tracker.sources import Image
 from marine.frames import wrap_angle
 
@@ -30,30 +31,6 @@ _MIN_SKEW = 0.1
 """|skewness| below which an outline is as good as symmetric; a triangle has 0.57."""
 _MIN_ELONGATION = 1.15
 _SPACING_TOLERANCE = 0.3
-
-
-@dataclass(frozen=True)
-class Region:
-    """A part of a picture, in whole px: columns x0 <= x < x1, rows y0 <= y < y1."""
-
-    x0: int
-    y0: int
-    x1: int
-    y1: int
-
-    @classmethod
-    def around(cls, x_px: float, y_px: float, half_px: float, image: Image) -> Region:
-        """Return the square around a point, cut to the picture (at least one pixel of it)."""
-        height, width = image.shape[:2]
-        x0 = min(max(math.floor(x_px - half_px), 0), width - 1)
-        y0 = min(max(math.floor(y_px - half_px), 0), height - 1)
-        x1 = max(min(math.ceil(x_px + half_px) + 1, width), x0 + 1)
-        y1 = max(min(math.ceil(y_px + half_px) + 1, height), y0 + 1)
-        return cls(x0, y0, x1, y1)
-
-    def of(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return the view of a picture."""
-        return image[self.y0 : self.y1, self.x0 : self.x1]
 
 
 @dataclass(frozen=True)
@@ -83,22 +60,6 @@ class Patch:
     skew: float
     contrast: float
     clipped: bool
-
-
-@dataclass(frozen=True)
-class Detection:
-    """Pose of a vehicle in a picture, with quality in 0..1 and the reason when it is low."""
-
-    x_px: float
-    y_px: float
-    psi_rad: float
-    quality: float
-    reason: str
-    heading_ambiguous: bool
-    extent_px: float
-    """How far the marker reaches from its middle, about."""
-    misfit: float = 0.0
-    """How badly the patches fit together, 0 (well) to 1."""
 
 
 def colour_mask(image: Image, colour: Colour) -> Mask:
@@ -238,7 +199,7 @@ def pose_of_pair(
     checks = _checks([front, rear], area_px2)
     if spacing_px is not None:
         checks.append((1.0 - error, "the patches are not as far apart as they should be"))
-    quality, reason = _worst(checks)
+    quality, reason = worst(checks)
     return Detection(
         x_px=0.5 * (front.x_px + rear.x_px),
         y_px=0.5 * (front.y_px + rear.y_px),
@@ -254,10 +215,7 @@ def pose_of_pair(
 def pose_of_patch(patch: Patch, *, area_px2: float | None, heading_rad: float) -> Detection:
     """Return the pose of one patch: heading along its long axis to its thin end, ambiguous when both are alike."""
     ambiguous = patch.skew < _MIN_SKEW or patch.elongation < _MIN_ELONGATION
-    checks = _checks([patch], area_px2)
-    if ambiguous:
-        checks.append((0.5, "the patch has no distinct front and back"))
-    quality, reason = _worst(checks)
+    quality, reason = worst(_checks([patch], area_px2))
     return Detection(
         x_px=patch.x_px,
         y_px=patch.y_px,
@@ -271,16 +229,11 @@ def pose_of_patch(patch: Patch, *, area_px2: float | None, heading_rad: float) -
 
 def _checks(patches: list[Patch], area_px2: float | None) -> list[tuple[float, str]]:
     checks = [(min(1.0, p.contrast / _GOOD_CONTRAST), "low contrast") for p in patches]
-    checks += [(0.3, "clipped at the edge of the picture") for p in patches if p.clipped]
+    checks += [doubtful("out of view: clipped at the edge of the picture") for p in patches if p.clipped]
     if area_px2 is not None:
         ratios = [p.area_px2 / area_px2 for p in patches]
         checks += [(min(r, 1.0 / r), f"a patch has {r:.0%} of the area it should have") for r in ratios]
     return checks
-
-
-def _worst(checks: list[tuple[float, str]]) -> tuple[float, str]:
-    quality, reason = min(checks)
-    return quality, reason if quality < 0.8 else ""
 
 
 def _mask(image: Any) -> Mask:

@@ -16,7 +16,7 @@ from services.cli.errors import CliError
 
 if TYPE_CHECKING:
     from camera_tracker.config import CameraTrackerConfig
-    from camera_tracker.detectors.colour import Detection
+    from camera_tracker.detectors.base import Detection
     from camera_tracker.sources import Frame, Image, Source
 
 _POLL_S = 0.005

@@ -10,7 +10,8 @@ import pytest
 
 from bus.config import ConfigError, parse
 from camera_tracker.config import CameraTrackerConfig, Colour, Rectangle, Vehicle
-from camera_tracker.detectors.colour import Detection, Region, colour_mask, find_patches
+from camera_tracker.detectors.base import Detection, Region
+from camera_tracker.detectors.colour import colour_mask, find_patches
 from camera_tracker.sources import Image
 from camera_tracker.tracking import Tracker
 
@@ -109,8 +110,8 @@ def test_a_clipped_patch_lowers_the_quality_and_says_why() -> None:
     image = draw([("red", rectangle(3, 100, 20, 20, 0)), ("green", rectangle(39, 100, 20, 20, 0))])
     pose = track(pair(), image)
     assert pose is not None
-    assert pose.quality == pytest.approx(0.3)
-    assert pose.reason == "clipped at the edge of the picture"
+    assert pose.quality == pytest.approx(0.2)
+    assert pose.reason == "out of view: clipped at the edge of the picture"
 
 
 def test_a_patch_cut_by_what_is_ignored_is_clipped_and_one_inside_it_is_not_seen() -> None:
@@ -120,7 +121,7 @@ def test_a_patch_cut_by_what_is_ignored_is_clipped_and_one_inside_it_is_not_seen
         pose = track(config, image)
         assert (pose is not None) == seen
         if pose is not None:
-            assert pose.reason.startswith("clipped")
+            assert pose.reason.startswith("out of view")
 
 
 def test_patches_of_the_wrong_size_or_too_far_apart() -> None:

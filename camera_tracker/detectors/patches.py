@@ -1,0 +1,151 @@
+"""Vehicles by coloured patches: one (thesis Algorithm 3.2) or two, told apart by their pairs of colours."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from camera_tracker.config import CameraTrackerConfig, Rectangle, Vehicle
+from camera_tracker.detectors import colour as c
+from camera_tracker.detectors.base import GOOD_QUALITY, Detection, Detector, Prediction, Region, one_of_several
+from camera_tracker.sources import Image
+
+_REDUCTION = 4
+_SMALL_PX = 160
+_COARSE_WIDTH_PX = 640
+_MAX_LOOKS = 3
+"""How many places are examined for one vehicle in one picture."""
+_MAX_BLOBS = 12
+
+
+class PatchDetector(Detector):
+    """Vehicles by one or two coloured patches. No patch serves two vehicles in one search."""
+
+    def __init__(self, config: CameraTrackerConfig, vehicles: Sequence[Vehicle]) -> None:
+        self.names = tuple(vehicle.name for vehicle in vehicles)
+        self._vehicles = {vehicle.name: vehicle for vehicle in vehicles}
+        self._config = config
+        self._allowed: c.Mask | None = None
+
+    def look(self, image: Image, name: str, region: Region, prediction: Prediction) -> Detection | None:
+        """Return the pose of a vehicle whose patches lie in a region, the best and nearest to the prediction."""
+        extent_px = prediction.last.extent_px
+
+        def cost(pose: Detection) -> float:
+            return pose.misfit + math.hypot(pose.x_px - prediction.x_px, pose.y_px - prediction.y_px) / extent_px
+
+        return min(self._poses(image, region, self._vehicles[name]), key=cost, default=None)
+
+    def search(self, image: Image, names: Iterable[str]) -> dict[str, Detection]:
+        """Return the vehicles found from the whole picture at 1/4; doubtful where two places fit alike."""
+        found: dict[str, Detection] = {}
+        used: set[c.Blob] = set()
+        looks: dict[str, int] = {}
+        for guess in sorted(self._guesses(image, set(names)), key=lambda guess: guess.misfit):
+            name = guess.vehicle.name
+            twice = name in found and guess.vehicle.spacing_px is not None
+            if (name in found and not twice) or looks.get(name) == _MAX_LOOKS or not used.isdisjoint(guess.blobs):
+                continue
+            looks[name] = looks.get(name, 0) + 1
+            region = Region.around(guess.x_px, guess.y_px, guess.extent_px + 4.0, image)
+            pose = min(self._poses(image, region, guess.vehicle), key=lambda pose: pose.misfit, default=None)
+            if pose is None:
+                continue
+            if twice:
+                if pose.quality >= GOOD_QUALITY:
+                    found[name] = one_of_several(found[name])
+                continue
+            found[name] = pose
+            used.update(guess.blobs)
+        return found
+
+    def _poses(self, image: Image, region: Region, vehicle: Vehicle) -> list[Detection]:
+        """Return every pose that the patches in a region allow."""
+        assert vehicle.front is not None
+        heading_rad = math.radians(vehicle.heading_deg)
+        fronts = self._patches(image, region, vehicle.front)
+        if vehicle.rear is None:
+            return [c.pose_of_patch(p, area_px2=vehicle.area_px2, heading_rad=heading_rad) for p in fronts]
+        rears = self._patches(image, region, vehicle.rear) if fronts else []
+        pairs = [
+            c.pose_of_pair(f, r, spacing_px=vehicle.spacing_px, area_px2=vehicle.area_px2, heading_rad=heading_rad)
+            for f in fronts
+            for r in rears
+        ]
+        return [pair for pair in pairs if pair is not None]
+
+    def _patches(self, image: Image, region: Region, name: str) -> list[c.Patch]:
+        colour, min_area = self._config.colours[name], self._config.min_area_px2
+        return c.find_patches(image, region, colour, min_area, self._mask(image))
+
+    def _mask(self, image: Image) -> c.Mask | None:
+        """Return what of the picture may be looked at; None: all."""
+        if self._config.ignore and (self._allowed is None or self._allowed.shape != image.shape[:2]):
+            self._allowed = mask_without(self._config.ignore, image)
+        return self._allowed
+
+    def _guesses(self, image: Image, names: set[str]) -> list[_Guess]:
+        """Return where vehicles may be."""
+        small, factor = _reduced(image)
+        allowed = self._mask(image)
+        if allowed is not None:
+            allowed = np.asarray(cv2.resize(allowed, small.shape[1::-1], interpolation=cv2.INTER_NEAREST), np.uint8)
+        blobs: dict[str, list[c.Blob]] = {}
+        guesses: list[_Guess] = []
+        for vehicle in (v for n, v in self._vehicles.items() if n in names):
+            for name in {vehicle.front, vehicle.rear} - {None, *blobs}:
+                mask = c.colour_mask(small, self._config.colours[str(name)])
+                if allowed is not None:
+                    mask = np.asarray(cv2.bitwise_and(mask, allowed), np.uint8)
+                enough = max(2.0, 0.5 * self._config.min_area_px2 / factor**2)  # mixed pixels at the edge do not count
+                blobs[str(name)] = c.find_blobs(mask, enough)[0][:_MAX_BLOBS]
+            guesses += _combine(vehicle, blobs[str(vehicle.front)], blobs.get(vehicle.rear or ""), factor)
+        return guesses
+
+
+@dataclass(frozen=True)
+class _Guess:
+    """A place where a vehicle may be, in px of the full picture."""
+
+    vehicle: Vehicle
+    blobs: tuple[c.Blob, ...]
+    x_px: float
+    y_px: float
+    extent_px: float
+    misfit: float
+
+
+def mask_without(ignore: Sequence[Rectangle], image: Image) -> c.Mask:
+    """Return 255 for each px of a picture but those in rectangles, which get 0."""
+    allowed = np.full(image.shape[:2], 255, np.uint8)
+    for r in ignore:
+        allowed[r.y : r.y + r.height, r.x : r.x + r.width] = 0
+    return allowed
+
+
+def _reduced(image: Image) -> tuple[Image, float]:
+    """Return a picture at 1/4 size (a small one as it is, a huge one smaller) and by how much it was reduced."""
+    height, width = image.shape[:2]
+    if min(height, width) < _SMALL_PX:
+        return image, 1.0
+    factor = max(_REDUCTION, round(width / _COARSE_WIDTH_PX))
+    size = (width // factor, height // factor)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8), width / size[0]
+
+
+def _combine(vehicle: Vehicle, fronts: list[c.Blob], rears: list[c.Blob] | None, factor: float) -> list[_Guess]:
+    guesses = []
+    for front in fronts:
+        for rear in [front] if rears is None else rears:
+            distance = factor * math.hypot(front.x_px - rear.x_px, front.y_px - rear.y_px)
+            size = factor * (0.5 * (math.sqrt(front.area_px2) + math.sqrt(rear.area_px2)) + 1.0)
+            misfit = 0.0 if rears is None else c.spacing_error(distance, vehicle.spacing_px, size)
+            if misfit is not None:
+                x_px = factor * (0.5 * (front.x_px + rear.x_px) + 0.5) - 0.5
+                y_px = factor * (0.5 * (front.y_px + rear.y_px) + 0.5) - 0.5
+                guesses.append(_Guess(vehicle, (front, rear), x_px, y_px, 0.5 * distance + 1.5 * size, misfit))
+    return guesses

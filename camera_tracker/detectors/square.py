@@ -1,0 +1,356 @@
+"""Square markers (ArUco, AprilTag) of OpenCV's dictionaries: found as dark quadrilaterals, fitted, then read.
+
+OpenCV gives the dictionaries; candidates, outline and reading are ours, because OpenCV's refinements err by half a
+pixel under motion blur and below 40 px, and because a region around a predicted pose needs no search at all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from camera_tracker.detectors.base import (
+    DOUBTFUL_QUALITY,
+    GOOD_QUALITY,
+    Detection,
+    Detector,
+    Prediction,
+    Region,
+    doubtful,
+    one_of_several,
+    worst,
+)
+from camera_tracker.detectors.edges import Floats, Outline, fit_outline, heading_of, middle_of
+from camera_tracker.sources import Image
+from marine.frames import wrap_angle
+
+_COARSE_WIDTH_PX, _FINE_WIDTH_PX = 960, 2000
+"""A search halves the picture until it is no wider than this: each time, and when markers are missing now and then."""
+_FINE_EVERY = 10
+_MIN_SIDE_PX = 7
+"""Smallest side of a candidate in the reduced picture."""
+_MAX_CANDIDATES = 150
+_BLOCK_PX, _BELOW = 25, 8.0
+"""Adaptive threshold: darker than the mean of a block by so many grey levels."""
+_REACH_MODULES = 0.75
+_GOOD_CONTRAST = 40.0
+_WRONG_MODULE = 0.25
+"""A module that differs from what the code says by this part of the contrast is covered or shone upon."""
+
+
+@dataclass(frozen=True)
+class Code:
+    """Dictionary of markers with `size` x `size` bits. words: (ids, 4) bits as numbers, by id and quarter turns."""
+
+    size: int
+    words: NDArray[np.uint64]
+    patterns: NDArray[np.float64]
+    """(ids, size + 4, size + 4): 1 where white, with the black border and a white ring around it."""
+    correctable: int
+    """Wrong bits that are put up with: 60 % of what the dictionary can correct, as OpenCV does."""
+
+
+@lru_cache(maxsize=8)
+def load_code(name: str) -> Code:
+    """Return a dictionary by OpenCV's name without DICT_, in lower case: 4x4_50, apriltag_36h11."""
+    number = next(v for k, v in vars(cv2.aruco).items() if k.lower() == f"dict_{name}")
+    book = cv2.aruco.getPredefinedDictionary(number)
+    size, count = book.markerSize, book.bytesList.shape[0]
+    patterns = np.ones((count, size + 4, size + 4))
+    for i in range(count):
+        patterns[i, 1:-1, 1:-1] = cv2.aruco.generateImageMarker(book, i, size + 2) > 127
+    bits = patterns[:, 2:-2, 2:-2] > 0.5
+    words = np.stack([_words(np.rot90(bits, k, axes=(1, 2))) for k in range(4)], axis=1)
+    return Code(size, words, patterns, int(0.6 * book.maxCorrectionBits))
+
+
+def _words(bits: NDArray[np.bool_]) -> NDArray[np.uint64]:
+    flat = bits.reshape(len(bits), -1)
+    return np.asarray((flat * (np.uint64(1) << np.arange(flat.shape[1], dtype=np.uint64))).sum(axis=1), np.uint64)
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """A marker that was read: its id, and what speaks against it."""
+
+    marker: int
+    corners: Floats
+    wrong_bits: int
+    covered: float
+    """Part of the modules that are not as the code says."""
+    bright: bool
+    """Whether those are too bright rather than too dark."""
+
+
+class SquareDetector(Detector):
+    """Vehicles by square markers of one dictionary; the marker's x axis (left to right as printed) is the heading.
+
+    markers: vehicle -> (id, angle in rad from the marker's x axis to the vehicle's); none: every marker, named by id.
+    """
+
+    def __init__(self, dictionary: str, markers: Mapping[str, tuple[int, float]]) -> None:
+        self.names = tuple(markers)
+        self._code = load_code(dictionary)
+        self._every = not markers
+        self._of_id = {marker: (name, heading) for name, (marker, heading) in markers.items()}
+        ids = sorted(self._of_id) or range(len(self._code.words))
+        self._ids = np.asarray(ids)
+        self._known = self._code.words[self._ids]
+        self._misses = 0
+
+    def look(self, image: Image, name: str, region: Region, prediction: Prediction) -> Detection | None:
+        """Return a vehicle near its prediction: first by fitting the predicted outline, else by a search of the region."""
+        grey = _grey(region.of(image))
+        found = None
+        if prediction.last.corners_px:
+            found = self._measure(grey, region, prediction.corners_px() - (region.x0, region.y0), image)
+        if found is not None and found[0] == name and found[1].quality >= GOOD_QUALITY:
+            return found[1]
+        seen = [d for n, d in self._candidates(grey, 1, region, image) if n == name]
+        if found is not None and found[0] == name:
+            seen.append(found[1])
+        return min(
+            seen,
+            key=lambda d: (d.quality < GOOD_QUALITY, math.hypot(d.x_px - prediction.x_px, d.y_px - prediction.y_px)),
+            default=None,
+        )
+
+    def search(self, image: Image, names: Iterable[str]) -> dict[str, Detection]:
+        """Return the vehicles found in the whole picture; where two markers are alike the pose is doubtful."""
+        coarse, fine = _reduction(image, _COARSE_WIDTH_PX), _reduction(image, _FINE_WIDTH_PX)
+        wanted = set(names)
+        seen = self._seen(image, coarse, wanted)
+        if fine < coarse and (self._every or wanted - {name for name, _ in seen}):
+            if self._every or self._misses % _FINE_EVERY == 0:
+                seen += self._seen(image, fine, wanted)
+            self._misses += 1
+        else:
+            self._misses = 0
+        found: dict[str, Detection] = {}
+        for name, detection in seen:
+            found[name] = _better(found[name], detection) if name in found else detection
+        return found
+
+    def _seen(self, image: Image, factor: int, wanted: set[str]) -> list[tuple[str, Detection]]:
+        """Return what is found in a picture reduced by a factor."""
+        height, width = image.shape[:2]
+        grey = _grey(_reduced(image, factor))
+        found = self._candidates(grey, factor, Region(0, 0, width, height), image)
+        return [(name, detection) for name, detection in found if self._every or name in wanted]
+
+    def _candidates(
+        self, grey: NDArray[np.float32], factor: int, region: Region, image: Image
+    ) -> list[tuple[str, Detection]]:
+        """Return what is read from the dark quadrilaterals of a grey picture of the region, reduced by a factor."""
+        found = []
+        for corners in dark_quadrilaterals(grey):
+            at = factor * (corners + 0.5) - 0.5
+            if factor == 1:
+                measured = self._measure(grey, region, at, image)
+            else:
+                part = _around(at, image)
+                measured = self._measure(_grey(part.of(image)), part, at - (part.x0, part.y0), image)
+            if measured is not None:
+                found.append(measured)
+        return found
+
+    def _measure(
+        self, grey: NDArray[np.float32], region: Region, corners: Floats, image: Image
+    ) -> tuple[str, Detection] | None:
+        """Fit and read a marker near corners (px of the region); None when there is none that is known."""
+        module_px = math.sqrt(abs(_area(corners))) / (self._code.size + 2)
+        outline = fit_outline(grey, corners, min(max(_REACH_MODULES * module_px, 2.0), 9.0))
+        if outline is None:
+            return None
+        reading = self._read(grey, outline)
+        if reading is None:
+            return None
+        name, heading = self._of_id.get(reading.marker, (str(reading.marker), 0.0))
+        at = reading.corners + (region.x0, region.y0)
+        x_px, y_px = middle_of(at)
+        quality, reason = worst(_checks(outline, reading, at, image, module_px))
+        return name, Detection(
+            x_px=x_px,
+            y_px=y_px,
+            psi_rad=wrap_angle(heading_of(at) + heading),
+            quality=quality,
+            reason=reason,
+            heading_ambiguous=False,
+            extent_px=float(np.hypot(at[:, 0] - x_px, at[:, 1] - y_px).max()),
+            misfit=reading.covered,
+            corners_px=tuple((float(x), float(y)) for x, y in at),
+        )
+
+    def _read(self, grey: NDArray[np.float32], outline: Outline) -> _Reading | None:
+        """Read the marker inside an outline: its code, its turn, and which modules are not as they should be."""
+        size = self._code.size
+        levels = _sample(grey, outline.corners, size)
+        ring = levels[1:-1, 1:-1]
+        black = np.median(np.concatenate([ring[0], ring[-1], ring[1:-1, 0], ring[1:-1, -1]]))
+        white = np.median(np.concatenate([levels[0], levels[-1], levels[1:-1, 0], levels[1:-1, -1]]))
+        if white - black < 8.0:
+            return None
+        word = _words((levels[2:-2, 2:-2] > 0.5 * (black + white))[None])[0]
+        distance = np.bitwise_count(self._known ^ word)
+        best = int(distance.argmin())
+        wrong_bits = int(distance.flat[best])
+        if wrong_bits > self._code.correctable:
+            return None
+        marker, turns = int(self._ids[best // 4]), best % 4
+        error = _misfit(levels, np.rot90(self._code.patterns[marker], turns))
+        wrong = np.abs(error) > _WRONG_MODULE
+        return _Reading(
+            marker=marker,
+            corners=np.roll(outline.corners, turns, axis=0),
+            wrong_bits=wrong_bits,
+            covered=float(wrong.mean()),
+            bright=bool(error[wrong].sum() > 0),
+        )
+
+
+def dark_quadrilaterals(grey: NDArray[np.float32]) -> list[Floats]:
+    """Return the corners (4, 2), clockwise, of the dark four-cornered shapes in a picture, largest first."""
+    if min(grey.shape) < _MIN_SIDE_PX:
+        return []
+    picture = grey.astype(np.uint8)
+    dark = cv2.adaptiveThreshold(picture, 1, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, _BLOCK_PX, _BELOW)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(dark, connectivity=4, ltype=cv2.CV_32S)
+    width, height, area = stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT], stats[:, cv2.CC_STAT_AREA]
+    short, long = np.minimum(width, height), np.maximum(width, height)
+    fits = (short >= _MIN_SIDE_PX) & (long < 5 * short) & (area > 0.2 * width * height)
+    fits[0] = False
+    chosen = np.flatnonzero(fits)
+    chosen = chosen[np.argsort(-area[chosen])][:_MAX_CANDIDATES]
+    found = []
+    for label in chosen.tolist():
+        x, y, w, h = stats[label, :4].tolist()
+        corners = _quadrilateral((labels[y : y + h, x : x + w] == label).astype(np.uint8))
+        if corners is not None:
+            found.append(corners + (x, y))
+    return found
+
+
+def _quadrilateral(piece: NDArray[np.uint8]) -> Floats | None:
+    """Return the corners of a piece whose hull is a quadrilateral, half a px outside its outermost px centres."""
+    contours, _ = cv2.findContours(piece, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    hull = cv2.convexHull(max(contours, key=len), clockwise=True)
+    length, area = cv2.arcLength(hull, True), cv2.contourArea(hull)
+    for tolerance in (0.04, 0.07, 0.1):
+        corners = cv2.approxPolyDP(hull, tolerance * length, True)
+        if len(corners) == 4 and cv2.contourArea(corners) > 0.75 * area > 10.0:
+            q = corners[:, 0].astype(np.float64)
+            if _area(q) < 0:
+                q = q[::-1]
+            middle = q.mean(axis=0)
+            out = q - middle
+            return np.asarray(q + 0.7 * out / np.maximum(np.hypot(out[:, 0], out[:, 1]), 1e-6)[:, None])
+    return None
+
+
+def _checks(
+    outline: Outline, reading: _Reading, corners: Floats, image: Image, module_px: float
+) -> list[tuple[float, str]]:
+    """Return the qualities of a reading with their reasons."""
+    height, width = image.shape[:2]
+    covered = "glare" if reading.bright else "partly covered"
+    inliers = float(outline.inliers.min())
+    std_px = float(outline.std_px.max())
+    blur = outline.width_px / module_px
+    checks = [
+        (min(1.0, float(outline.contrast.min()) / _GOOD_CONTRAST), "low contrast"),
+        (min(1.0, max(DOUBTFUL_QUALITY, 2.0 * inliers - 0.8)), covered),
+        (max(DOUBTFUL_QUALITY, 1.0 - 8.0 * reading.covered), covered),
+        (max(DOUBTFUL_QUALITY, 1.0 - 3.0 * max(std_px - 0.05, 0.0)), "the edges are not straight"),
+        (min(1.0, max(DOUBTFUL_QUALITY, 1.5 - 1.5 * blur)), "blurred"),
+        (1.0 - 0.2 * reading.wrong_bits, f"{reading.wrong_bits} wrong bits"),
+    ]
+    if outline.step_px > 0.15:
+        checks.append(doubtful("the outline does not settle"))
+    if corners.min() < 1.5 or corners[:, 0].max() > width - 2.5 or corners[:, 1].max() > height - 2.5:
+        checks.append(doubtful("out of view: clipped at the edge of the picture"))
+    return checks
+
+
+def _misfit(levels: Floats, pattern: Floats) -> Floats:
+    """Return how much each module is brighter than its code and its neighbours explain, as a part of the contrast.
+
+    The neighbours stand for blur: it mixes a module with what lies around it.
+    """
+    padded = np.pad(pattern, 1, mode="edge")
+    around = 0.25 * (padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:])
+    own, near, y = pattern.ravel(), around.ravel(), levels.ravel()
+    design = np.stack([own, near, np.ones_like(own)], axis=1)
+    normal = design.T @ design
+    factors = np.linalg.solve(normal, design.T @ y)
+    contrast = max(float(factors[0] + factors[1]), 1e-6)
+    return np.asarray((levels - (design @ factors).reshape(levels.shape)) / contrast)
+
+
+@lru_cache(maxsize=8)
+def _grid(size: int) -> Floats:
+    """Return points in modules from the marker's corner: (modules across, modules down, 9, 2), white ring included."""
+    at = np.arange(-1, size + 3) + 0.5
+    inside = np.array([-0.25, 0.0, 0.25])
+    x, y, dx, dy = np.meshgrid(at, at, inside, inside, indexing="xy")
+    return np.stack([x + dx, y + dy], axis=-1).reshape(len(at), len(at), 9, 2)
+
+
+def _sample(grey: NDArray[np.float32], corners: Floats, size: int) -> Floats:
+    """Return the mean grey level of each module, (size + 4, size + 4), the ring around the marker included."""
+    side = size + 2.0
+    square = np.array([(0.0, 0.0), (side, 0.0), (side, side), (0.0, side)], np.float32)
+    h = cv2.getPerspectiveTransform(square, corners.astype(np.float32))
+    points = _grid(size)
+    z = points @ h[2, :2] + h[2, 2]
+    x = ((points @ h[0, :2] + h[0, 2]) / z).astype(np.float32)
+    y = ((points @ h[1, :2] + h[1, 2]) / z).astype(np.float32)
+    shape = x.shape
+    flat = (-1, 9)
+    values = cv2.remap(grey, x.reshape(flat), y.reshape(flat), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(values.reshape(shape).mean(axis=2), np.float64)
+
+
+def _area(corners: Floats) -> float:
+    """Return the area inside corners, positive when they go clockwise in the picture."""
+    x, y = corners[:, 0], corners[:, 1]
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+def _around(corners: Floats, image: Image) -> Region:
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    middle, half = 0.5 * (low + high), 0.75 * float((high - low).max()) + 6.0
+    return Region.around(float(middle[0]), float(middle[1]), half, image)
+
+
+def _grey(image: Image) -> NDArray[np.float32]:
+    return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
+
+
+def _reduction(image: Image, width_px: int) -> int:
+    """Return the power of 2 by which to reduce a picture so that it is no wider than so many px."""
+    factor = 1
+    while image.shape[1] > width_px * factor and min(image.shape[:2]) >= 4 * factor:
+        factor *= 2
+    return factor
+
+
+def _reduced(image: Image, factor: int) -> Image:
+    if factor == 1:
+        return image
+    height, width = (v // factor for v in image.shape[:2])
+    whole = image[: height * factor, : width * factor]
+    return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _better(one: Detection, other: Detection) -> Detection:
+    """Return the better of two detections; a doubtful one when they are two markers of the same kind."""
+    best = max(one, other, key=lambda d: d.quality)
+    if math.hypot(one.x_px - other.x_px, one.y_px - other.y_px) < 0.5 * one.extent_px:
+        return best
+    return one_of_several(best)
