@@ -185,6 +185,7 @@ class HelmWrench(Wrench):
     """The wrench that acts."""
 
     mode: Mode
+    speed_m_s: float | None = Field(None, description="speed U, for rudders and propellers that feel the flow")
 
 
 class ControlStatus(Message):

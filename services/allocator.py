@@ -2,22 +2,45 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+from pydantic import Field
+
 from bus import topics
-from bus.messages import ActuatorCommand, AttainedWrench, Wrench
+from bus.config import ConfigError, Section
+from bus.messages import AXES, ActuatorCommand, AttainedWrench, HelmWrench, Wrench
 from bus.service import Input, Output, Service
-from marine import actuators
 from marine.allocation import vessel_allocation
 from marine.vessel import Vessel
 
 _NEGLIGIBLE = 1e-6
 """Part of an axis' reach below which a difference is the solver's and not a limit's."""
 
+_FIELDS = ("surge_n", "sway_n", "heave_n", "roll_nm", "pitch_nm", "yaw_nm")
+
+AxisName = Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]
+
+
+class AllocatorConfig(Section):
+    """Section [allocator]."""
+
+    failed: tuple[str, ...] = Field((), description="actuators that do not work: they get zero, the others take over")
+    priority: dict[AxisName, float] = Field(
+        {"yaw": 10.0}, description="weight of an axis when thrust is short, 1 where not named"
+    )
+    keep_direction: bool = Field(
+        False, description="when thrust is short make the whole wrench smaller, instead of the axes of low priority"
+    )
+
 
 class Allocator(Service):
     """Turn the demanded wrench into actuator commands. Silence stops the actuators.
 
     `attained` is what the limits leave of the demand, for anti-windup; `delivered` what the commands as sent give,
-    rounded and with dead zone. Components that the vessel cannot do are ignored, and attained as zero.
+    rounded and with dead zone. Components that the vessel does not control are ignored. Rudders and propellers that
+    feel the water's speed take it from the wrench, and are taken at rest without it.
     """
 
     name = "allocator"
@@ -27,9 +50,26 @@ class Allocator(Service):
     attained = Output(topics.ACTUATOR_ATTAINED)
     delivered = Output(topics.ACTUATOR_DELIVERED)
 
-    def __init__(self, vessel: Vessel) -> None:
-        self._thrusters = vessel.thrusters
-        self._allocation = vessel_allocation(vessel)
+    def __init__(self, config: AllocatorConfig, vessel: Vessel) -> None:
+        self._names = [a.name for a in vessel.actuators]
+        if unknown := [name for name in config.failed if name not in self._names]:
+            raise ConfigError(f"allocator: failed: no actuator {unknown[0]!r}; known: {', '.join(self._names)}")
+        if any(weight <= 0.0 for weight in config.priority.values()):
+            raise ConfigError("allocator: priority: weights must be positive")
+        try:
+            self._allocation = vessel_allocation(
+                vessel,
+                priority={AXES.index(axis): weight for axis, weight in config.priority.items()},
+                failed=config.failed,
+                keep_direction=config.keep_direction,
+            )
+        except ValueError as error:
+            raise ConfigError(f"allocator: {error}") from None
+        if config.failed:
+            axes, rank = self._allocation.axes, self._allocation.rank
+            self.note = f"without {', '.join(config.failed)}: rank {rank} on {', '.join(AXES[i] for i in axes)}"
+            self.log.warning(self.note)
+        self._before_s = -math.inf
 
     def step(self, now_s: float) -> None:
         """Answer the wrench, or its silence with zero commands."""
@@ -37,46 +77,45 @@ class Allocator(Service):
         if wrench is None:
             self._stop_actuators()
         else:
-            self._allocate(wrench)
+            self._allocate(wrench, now_s)
+        self._before_s = now_s
 
     def stop(self, now_s: float) -> None:
         """Leave the actuators at zero."""
         self._stop_actuators()
 
-    def _allocate(self, wrench: Wrench) -> None:
-        X, Y, Z, K, M, N = wrench.vector()
-        thrusts = self._allocation.solve(X, Y, N)
-        commands = [actuators.command(t, thrust) for t, thrust in zip(self._thrusters, thrusts, strict=True)]
-        surge, sway, yaw = self._allocation.wrench(thrusts)
-        differences = zip((surge - X, sway - Y, yaw - N), self._allocation.reach, strict=True)
-        limited = any(abs(difference) > _NEGLIGIBLE * reach for difference, reach in differences)
-        self._publish(commands, wrench.origin_ns)
+    def _allocate(self, wrench: HelmWrench, now_s: float) -> None:
+        U = wrench.speed_m_s or 0.0
+        tau = wrench.vector()
+        answer = self._allocation.solve(tau, U, now_s - self._before_s)
+        self._publish(answer.commands, U, wrench.origin_ns)
+        allocation = self._allocation
+        errors = ((abs(answer.attained[axis] - tau[axis]), allocation.reach[axis]) for axis in allocation.axes)
+        ignored = any(wanted for axis, wanted in enumerate(tau) if axis not in allocation.axes)
+        limited = ignored or any(error > _NEGLIGIBLE * reach for error, reach in errors)
+        demanded = {field: getattr(wrench, field) for field in _FIELDS}
+        given = {
+            field: value
+            for axis, (field, value) in enumerate(zip(_FIELDS, answer.attained, strict=True))
+            if axis in allocation.axes or demanded[field] is not None
+        }
         self.attained.publish(
             AttainedWrench(
                 origin_ns=wrench.origin_ns,
-                surge_n=surge,
-                sway_n=sway,
-                yaw_nm=yaw,
-                heave_n=None if wrench.heave_n is None else 0.0,
-                roll_nm=None if wrench.roll_nm is None else 0.0,
-                pitch_nm=None if wrench.pitch_nm is None else 0.0,
-                demanded_surge_n=wrench.surge_n,
-                demanded_sway_n=wrench.sway_n,
-                demanded_heave_n=wrench.heave_n,
-                demanded_roll_nm=wrench.roll_nm,
-                demanded_pitch_nm=wrench.pitch_nm,
-                demanded_yaw_nm=wrench.yaw_nm,
-                limited=limited or any((Z, K, M)),
+                limited=limited,
+                **given,
+                **{f"demanded_{field}": value for field, value in demanded.items()},
             )
         )
 
     def _stop_actuators(self) -> None:
-        self._publish([0.0] * len(self._thrusters), None)
-        self.attained.publish(AttainedWrench(surge_n=0.0, sway_n=0.0, yaw_nm=0.0))
+        self._publish(self._allocation.stop(), 0.0, None)
+        self.attained.publish(AttainedWrench(**{_FIELDS[axis]: 0.0 for axis in self._allocation.axes}))
 
-    def _publish(self, commands: list[float], origin_ns: int | None) -> None:
-        names = (t.name for t in self._thrusters)
-        self.command.publish(ActuatorCommand(origin_ns=origin_ns, commands=dict(zip(names, commands, strict=True))))
-        given = [actuators.thrust(t, n) for t, n in zip(self._thrusters, commands, strict=True)]
-        surge, sway, yaw = self._allocation.wrench(given)
-        self.delivered.publish(Wrench(origin_ns=origin_ns, surge_n=surge, sway_n=sway, yaw_nm=yaw))
+    def _publish(self, commands: Sequence[float], U: float, origin_ns: int | None) -> None:
+        self.command.publish(
+            ActuatorCommand(origin_ns=origin_ns, commands=dict(zip(self._names, commands, strict=True)))
+        )
+        given = self._allocation.delivered(commands, U)
+        acting = {_FIELDS[axis]: given[axis] for axis in self._allocation.acting}
+        self.delivered.publish(Wrench(origin_ns=origin_ns, **acting))

@@ -216,20 +216,19 @@ class Helm(Service):
             self._publish_zero()
             return
         X, Y, _, _, _, N = self._limits
-        self.wrench.publish(
-            HelmWrench(mode="manual", surge_n=stick.surge * X, sway_n=stick.sway * Y, yaw_nm=stick.yaw * N)
-        )
+        content = {"surge_n": stick.surge * X, "sway_n": stick.sway * Y, "yaw_nm": stick.yaw * N}
+        self.wrench.publish(HelmWrench(mode="manual", speed_m_s=_speed_m_s(self.navigation.fresh(now_s)), **content))
 
     def _hold(self, now_s: float) -> None:
         """Pass on the controller's wrench while it and the pose are fresh; otherwise suspend, later stop."""
         wrench = self.control.fresh(now_s)
-        _, problem = self._pose(now_s)
+        state, problem = self._pose(now_s)
         if not problem and wrench is None:
             problem = "no wrench from the controller"
         if not problem and wrench is not None:
             self._suspended_at_s, self._reason = None, ""
             if self.control.updated:  # never published twice: an old wrench stays old
-                self._pass_on(wrench)
+                self._pass_on(wrench, state)
             return
         self._suspend(problem, now_s)
         if self._suspended_at_s is not None and now_s - self._suspended_at_s > self.config.resume_within_s:
@@ -245,9 +244,10 @@ class Helm(Service):
             return None, f"the pose is lost ({state.status}, last seen {state.measurement_age_s:.1f} s ago)"
         return state, ""
 
-    def _pass_on(self, wrench: Wrench) -> None:
+    def _pass_on(self, wrench: Wrench, state: NavigationState | None) -> None:
         content = wrench.model_dump(include=set(_COMPONENTS))
-        self.wrench.publish(HelmWrench(mode=self._mode, origin_ns=wrench.origin_ns, **content))
+        speed_m_s = _speed_m_s(state)
+        self.wrench.publish(HelmWrench(mode=self._mode, origin_ns=wrench.origin_ns, speed_m_s=speed_m_s, **content))
 
     def _publish_zero(self) -> None:
         self.wrench.publish(HelmWrench(mode=self._mode, surge_n=0.0, sway_n=0.0, yaw_nm=0.0))
@@ -296,6 +296,10 @@ class Helm(Service):
     def stop(self, now_s: float) -> None:
         """Let go of the actuators."""
         self._publish_zero()
+
+
+def _speed_m_s(state: NavigationState | None) -> float | None:
+    return math.hypot(state.surge_m_s, state.sway_m_s) if state else None
 
 
 _COMPONENTS = ("surge_n", "sway_n", "heave_n", "roll_nm", "pitch_nm", "yaw_nm")

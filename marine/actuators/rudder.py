@@ -47,6 +47,6 @@ def angle(force_n: float, v_av_squared: float, c_F: float, delta_s: float) -> fl
     return 2.0 * delta_s / math.pi * math.asin(max(-1.0, min(1.0, force_n / most)))
 
 
-def force_linear(delta: float, n: float, U: float, k_r1: float, k_r2: float) -> float:
+def linear_force(delta: float, n: float, U: float, k_r1: float, k_r2: float) -> float:
     """Return k_r1 U^2 delta + k_r2 n |n| delta, thesis (2.12): the force far below the stall angle."""
     return (k_r1 * U * U + k_r2 * n * abs(n)) * delta

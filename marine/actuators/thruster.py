@@ -1,44 +1,90 @@
-"""Characteristic of a thruster, its inverse, and what rounding and dead zone leave of a demanded thrust."""
+"""A thruster, or a command that goes straight into the model, as it is driven: limits, dead zone, whole commands.
+
+thesis 2.1 and 3.1; the curves themselves are in marine.actuators.curve.
+"""
 
 from __future__ import annotations
 
 import math
 
-from marine.vessel import Thruster
+from marine.actuators.curve import Side, ThrustCurve
+from marine.vessel import (
+    AffineThrust,
+    AsymmetricThrust,
+    BilinearThrust,
+    Characteristic,
+    Direct,
+    QuadraticLinearThrust,
+    QuadraticThrust,
+    Thruster,
+)
 
 
-def max_thrust(thruster: Thruster) -> float:
-    """Return the thrust in N at the largest command, K_T n_max^2."""
-    return thruster.k_t * thruster.n_max * thruster.n_max
+def curve_of(characteristic: Characteristic, U: float = 0.0) -> ThrustCurve:
+    """Return the static curve of a characteristic at the vessel's speed U in m/s, which matters for (2.4) only."""
+    match characteristic:
+        case QuadraticThrust(k_t):
+            return ThrustCurve.quadratic(k_t)
+        case AffineThrust(a, b):
+            return ThrustCurve.affine(a, b)
+        case AsymmetricThrust(a_f, b_f, a_b, b_b):
+            return ThrustCurve.asymmetric(a_f, b_f, a_b, b_b)
+        case QuadraticLinearThrust(k_t, knee, slope):
+            side = Side(k_t, 0.0, knee, slope)
+            return ThrustCurve(side, side)
+        case BilinearThrust(t_nn=t_nn, t_nu=t_nu, wake=wake):
+            return ThrustCurve.bilinear(t_nn, t_nu, (1.0 - wake) * U)
 
 
-def thrust(thruster: Thruster, command: float) -> float:
-    """Return the thrust in N of a command: tau = K_T |n| n, pladypos (1), saturated, zero within the dead zone."""
-    n = max(-thruster.n_max, min(thruster.n_max, command))
-    return thruster.k_t * abs(n) * n if abs(n) > thruster.dead_zone else 0.0
+class Drive:
+    """Commands into thrust and back, for one actuator at one speed of the vessel."""
 
+    def __init__(self, actuator: Thruster | Direct, U: float = 0.0) -> None:
+        self.actuator = actuator
+        if isinstance(actuator, Direct):
+            self.curve = ThrustCurve.affine(0.0, actuator.gain)
+        else:
+            self.curve = curve_of(actuator.characteristic, U)
+        self._n_min, self._n_max = actuator.lowest, actuator.n_max
+        self._dead_zone, self._integer = actuator.dead_zone, actuator.integer
+        self.lower = min(0.0, self.thrust(self._n_min))
+        """Thrust in N (a direct command: its force or moment) at the most negative command."""
+        self.upper = max(0.0, self.thrust(self._n_max))
+        """Thrust at the largest command."""
 
-def command(thruster: Thruster, thrust_n: float) -> float:
-    """Return the command whose thrust is nearest to a demanded one in N, within the limits.
+    def at(self, U: float) -> Drive:
+        """Return the drive at another speed of the vessel in m/s: this one, unless its thrust depends on it."""
+        bilinear = isinstance(self.actuator, Thruster) and isinstance(self.actuator.characteristic, BilinearThrust)
+        return Drive(self.actuator, U) if bilinear else self
 
-    The inverse characteristic n = sgn(tau) sqrt(|tau| / K_T), rounded for whole commands. In the dead zone and
-    between whole commands the choice is by thrust, not by command: near zero the characteristic is so flat that
-    rounding the command would be up to half as much again wrong in thrust.
-    """
-    wanted = abs(thrust_n)
-    n = min(thruster.n_max, math.sqrt(wanted / thruster.k_t))
-    if not thruster.integer and n > thruster.dead_zone:
-        return math.copysign(n, thrust_n)
-    if thruster.integer:
-        low, high = float(math.floor(n)), float(math.ceil(n))
-        first_working = math.floor(thruster.dead_zone) + 1.0
-    else:
-        low, high = 0.0, n
-        first_working = math.nextafter(thruster.dead_zone, math.inf)
-    if low <= thruster.dead_zone:
-        low, high = 0.0, max(high, first_working)
-    if high > thruster.n_max:
-        high = low
-    k_t = thruster.k_t
-    nearest = low if wanted - k_t * low * low <= k_t * high * high - wanted else high
-    return math.copysign(nearest, thrust_n) if nearest else 0.0
+    def thrust(self, command: float) -> float:
+        """Return the thrust in N of a command: saturated, and zero within the dead zone."""
+        n = max(self._n_min, min(self._n_max, command))
+        return self.curve.thrust(n) if abs(n) > self._dead_zone else 0.0
+
+    def command(self, thrust_n: float) -> float:
+        """Return the command whose thrust is nearest to a demanded one in N, within the limits.
+
+        The exact inverse of the characteristic. In the dead zone and between whole commands the choice is by thrust,
+        not by command: near zero the characteristic is so flat that rounding the command would be up to half as much
+        again wrong in thrust.
+        """
+        if thrust_n > 0.0:
+            return self._size(self.curve.forward, thrust_n, self._n_max)
+        return 0.0 - self._size(self.curve.backward, -thrust_n, -self._n_min) if thrust_n < 0.0 else 0.0
+
+    def _size(self, side: Side, wanted: float, most: float) -> float:
+        n = min(most, side.command(wanted))
+        if not self._integer and n > self._dead_zone:
+            return n
+        if self._integer:
+            low, high = float(math.floor(n)), float(math.ceil(n))
+            first_working = math.floor(self._dead_zone) + 1.0
+        else:
+            low, high = 0.0, n
+            first_working = math.nextafter(self._dead_zone, math.inf)
+        if low <= self._dead_zone:
+            low, high = 0.0, max(high, first_working)
+        if high > most:
+            high = low
+        return low if wanted - side.thrust(low) <= side.thrust(high) - wanted else high

@@ -5,7 +5,7 @@ import pytest
 from bus import topics
 from bus.memory_bus import MemoryBus
 from bus.messages import ActuatorCommand, HelmWrench
-from services.allocator import Allocator
+from services.allocator import Allocator, AllocatorConfig
 from services.vessels import load_vessel
 
 PLADYPOS = load_vessel("pladypos")
@@ -14,7 +14,7 @@ PLADYPOS = load_vessel("pladypos")
 @pytest.fixture
 def bus() -> MemoryBus:
     bus = MemoryBus()
-    bus.add(Allocator(PLADYPOS))
+    bus.add(Allocator(AllocatorConfig(), PLADYPOS))
     bus.run_for(0.001)
     return bus
 

@@ -9,11 +9,11 @@ from bus import topics
 from bus.memory_bus import MemoryBus
 from bus.messages import ActuatorCommand, ControlStatus, HelmState, HelmWrench, Mode, NavigationState, Wrench
 from bus.service import Input, Output, Service
-from marine.actuators import thrust
+from marine.actuators import Drive
 from marine.allocation import allocation_matrix
 from marine.dynamics.uncoupled import UncoupledModel
 from marine.frames import wrap_angle
-from services.allocator import Allocator
+from services.allocator import Allocator, AllocatorConfig
 from services.controller import Controller
 from services.vessels import load_vessel
 
@@ -33,11 +33,12 @@ class Water(Service):
         self.current = (0.0, 0.0)
         self.status: Literal["tracking", "lost"] = "tracking"
         self._model = UncoupledModel(PLADYPOS.model)
-        self._B = allocation_matrix(PLADYPOS.thrusters)
+        self._B = allocation_matrix(PLADYPOS.thrusters)[[0, 1, 5]]
+        self._drives = {t.name: Drive(t) for t in PLADYPOS.thrusters}
 
     def step(self, now_s: float) -> None:
         message = self.command.latest
-        thrusts = [thrust(t, message.commands[t.name]) if message else 0.0 for t in PLADYPOS.thrusters]
+        thrusts = [d.thrust(message.commands[name]) if message else 0.0 for name, d in self._drives.items()]
         surge, sway, yaw = (self._B @ thrusts).tolist()
         x, y, psi, u, v, r = self._model.step(self.state6, 1.0 / 30.0, (surge, sway, yaw), self.current)
         self.state6 = (x, y, wrap_angle(psi), u, v, r)
@@ -95,7 +96,7 @@ class Loop:
         self.statuses: list[ControlStatus] = []
         self.bus.tap(topics.CONTROL_WRENCH, self.demands.append)
         self.bus.tap(topics.CONTROL_STATUS, self.statuses.append)
-        for service in (Allocator(PLADYPOS), Controller(PLADYPOS), self.helm, self.water):
+        for service in (Allocator(AllocatorConfig(), PLADYPOS), Controller(PLADYPOS), self.helm, self.water):
             self.bus.add(service)
 
     def hold(self, x_m: float, y_m: float, psi_rad: float) -> None:
