@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -75,7 +75,7 @@ class Variable:
     def live_rate_hz(self, now_ns: int) -> float:
         """Return the rate, lower once the next message is overdue."""
         age_s = self.age_s(now_ns)
-        return min(self.rate_hz, 1.0 / age_s) if age_s > 0 else self.rate_hz
+        return 1.0 / age_s if age_s * self.rate_hz > 3.0 else self.rate_hz
 
 
 class Board:
@@ -129,7 +129,7 @@ class Board:
         rows: list[Row] = []
         for variable in self.shown(now_ns):
             values = variable.values
-            content = [(n, v) for n, v in values.items() if n not in _HEADER]
+            content = list(_flat(values))
             if self.filter.lower() not in variable.key:
                 content = [(n, v) for n, v in content if self.filter.lower() in n] or content
             head = (
@@ -182,6 +182,15 @@ class Board:
 _MOVES = {"up": -1, "k": -1, "down": 1, "j": 1, "pgup": -10, "pgdn": 10}
 
 
+def _flat(values: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the fields besides the header; of a table of plain values each entry as a field: commands.front_port."""
+    for name, value in values.items():
+        if isinstance(value, dict) and not any(isinstance(part, dict | list) for part in value.values()):
+            yield from ((f"{name}.{part}", content) for part, content in value.items())
+        elif name not in _HEADER:
+            yield name, value
+
+
 def fields_of(payload: bytes) -> dict[str, Any]:
     """Return the fields of a message; anything else as one field `value`."""
     values = readable(payload)
@@ -194,7 +203,7 @@ def shown_value(value: Any) -> str:
         return f"{value:.5g}"
     if isinstance(value, dict):
         return " ".join(f"{name}={shown_value(part)}" for name, part in value.items())
-    return value if isinstance(value, str) else json.dumps(value)
+    return value if isinstance(value, str) and value.isprintable() else json.dumps(value)
 
 
 def clock_time(ns: int) -> str:
@@ -203,12 +212,12 @@ def clock_time(ns: int) -> str:
 
 
 def text_line(sample: RawSample) -> str:
-    """Return a message as one line of text: time, key, source, fields with units."""
+    """Return a message as one line of text: time, key, source, fields that are not null, with units."""
     values = fields_of(sample.payload)
     parts = [
         f"{name}={shown_value(value)}{' ' if unit_of(name) else ''}{unit_of(name)}"
         for name, value in values.items()
-        if name not in _HEADER
+        if name not in _HEADER and value is not None
     ]
     return f"{clock_time(sample.received_ns)} {sample.key} [{values.get('source', '')}] {', '.join(parts)}"
 
@@ -216,6 +225,7 @@ def text_line(sample: RawSample) -> str:
 def board_table(board: Board, now_ns: int, height: int) -> Table:
     """Return the table of all variables, as many rows as fit, the chosen one among them."""
     from rich.table import Table
+    from rich.text import Text
 
     rows = board.rows(now_ns)
     chosen = next((i for i, row in enumerate(rows) if row.key == board.chosen), 0)
@@ -242,37 +252,42 @@ def board_table(board: Board, now_ns: int, height: int) -> Table:
     for at, row in enumerate(rows[begin : begin + height]):
         key = row.key if row.first or at == 0 else ""
         style = "reverse" if row.key == board.chosen and row.first else ""
-        table.add_row(key, row.field, row.value, row.unit, row.source, row.age, row.rate, style=style)
+        cells = (key, row.field, row.value, row.unit, row.source, row.age, row.rate)
+        table.add_row(*map(Text, cells), style=style)  # Text: a value with brackets is no markup
     return table
 
 
-def scope_table(board: Board, height: int) -> Table:
-    """Return one variable with its history: a column a field, the newest message first, changes marked."""
+def scope_table(board: Board, width: int) -> Table:
+    """Return one variable with its history: a column a message, the newest first, changes in bold."""
     from rich.table import Table
+    from rich.text import Text
 
     variable = board.variables.get(board.scope)
     state = "  FROZEN" if board.frozen_ns else ""
     table = Table(title=f"{board.scope}{state}", caption="f freeze  Esc back  q quit", box=None, header_style="bold")
     if variable is None or not variable.history:
-        table.add_column("nothing heard yet")
+        table.add_column("nothing heard yet", no_wrap=True)
         return table
-    moments = list(variable.history)[-max(2, min(8, height // 4)) :][::-1]
+    moments = list(variable.history)[::-1][: max(1, (width - _SCOPE_NAMES) // _SCOPE_COLUMN)]
     messages = [fields_of(m.payload) for m in moments]
-    table.add_column("field")
-    table.add_column("unit")
+    table.add_column("field", no_wrap=True, width=22)
+    table.add_column("unit", no_wrap=True, width=4)
     for moment in moments:
-        table.add_column(clock_time(moment.received_ns), justify="right", no_wrap=True)
+        name = clock_time(moment.received_ns)
+        table.add_column(name, justify="right", no_wrap=True, width=_SCOPE_COLUMN - 2)
     for name in messages[0]:
-        cells = [shown_value(m.get(name)) if name in m else "" for m in messages]
+        cells = [_scope_cell(name, m[name]) if name in m else "" for m in messages]
         marked = [
-            f"[bold]{_escaped(cell)}[/]" if at + 1 < len(cells) and cell != cells[at + 1] else _escaped(cell)
+            Text(cell, style="bold" if at + 1 < len(cells) and cell != cells[at + 1] else "")
             for at, cell in enumerate(cells)
         ]
-        table.add_row(name, unit_of(name), *marked)
+        table.add_row(Text(name), "" if name.endswith("_ns") else unit_of(name), *marked)
     return table
 
 
-def _escaped(text: str) -> str:
-    from rich.markup import escape
+_SCOPE_NAMES, _SCOPE_COLUMN = 30, 16
 
-    return escape(text)
+
+def _scope_cell(name: str, value: Any) -> str:
+    """Return a value; a stamp as the time of day."""
+    return clock_time(value) if name.endswith("_ns") and isinstance(value, int) and value else shown_value(value)

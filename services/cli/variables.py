@@ -122,7 +122,7 @@ def get(key: Pattern, hub: Hub = None, vessel: Vessel = None, as_json: Json = Fa
         print(f"{row['key']}, {row['age_s']:.2f} s old")
         value = row["value"]
         for name, content in value.items() if isinstance(value, dict) else [("value", value)]:
-            print(f"  {name:<24} {json.dumps(content)} {unit_of(name)}".rstrip())
+            print(f"  {name:<24} {json.dumps(content)} {unit_of(name) if content is not None else ''}".rstrip())
 
 
 def _values(bus: ZenohBus, expression: str) -> dict[str, tuple[bytes, int]]:

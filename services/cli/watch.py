@@ -94,7 +94,7 @@ def _show(bus: Any, wanted: str, heard: deque[RawSample], scope: str) -> None:
     with Keyboard() as keyboard, Live(console=console, screen=True, auto_refresh=False) as live:
         while not board.ended:
             board.take([heard.popleft() for _ in range(len(heard))])
-            live.update(_picture(board, console.height), refresh=True)
+            live.update(_picture(board, console.width, console.height), refresh=True)
             end_s = time.monotonic() + REFRESH_S
             while (left_s := end_s - time.monotonic()) > 0:
                 if key := keyboard.read(left_s):
@@ -102,8 +102,7 @@ def _show(bus: Any, wanted: str, heard: deque[RawSample], scope: str) -> None:
                     break
 
 
-def _picture(board: Board, height: int) -> Any:
+def _picture(board: Board, width: int, height: int) -> Any:
     from services.cli.board import board_table, scope_table
 
-    rows = max(height - 4, 3)
-    return scope_table(board, rows) if board.scope else board_table(board, time.time_ns(), rows)
+    return scope_table(board, width) if board.scope else board_table(board, time.time_ns(), max(height - 4, 3))
