@@ -5,7 +5,9 @@ thesis 2.1 and 3.1; the curves themselves are in marine.actuators.curve.
 
 from __future__ import annotations
 
+import itertools
 import math
+from bisect import bisect_left
 
 from marine.actuators.curve import Side, ThrustCurve
 from marine.vessel import (
@@ -47,6 +49,8 @@ class Drive:
             self.curve = curve_of(actuator.characteristic, U)
         self._n_min, self._n_max = actuator.lowest, actuator.n_max
         self._dead_zone, self._integer = actuator.dead_zone, actuator.integer
+        self._forward, self._backward = self.curve.forward, self.curve.backward
+        self._whole, self._between = self._whole_commands() if self._integer else ([], [])
         self.lower = min(0.0, self.thrust(self._n_min))
         """Thrust in N (a direct command: its force or moment) at the most negative command."""
         self.upper = max(0.0, self.thrust(self._n_max))
@@ -69,22 +73,20 @@ class Drive:
         not by command: near zero the characteristic is so flat that rounding the command would be up to half as much
         again wrong in thrust.
         """
-        if thrust_n > 0.0:
-            return self._size(self.curve.forward, thrust_n, self._n_max)
-        return 0.0 - self._size(self.curve.backward, -thrust_n, -self._n_min) if thrust_n < 0.0 else 0.0
-
-    def _size(self, side: Side, wanted: float, most: float) -> float:
-        n = min(most, side.command(wanted))
-        if not self._integer and n > self._dead_zone:
-            return n
         if self._integer:
-            low, high = float(math.floor(n)), float(math.ceil(n))
-            first_working = math.floor(self._dead_zone) + 1.0
-        else:
-            low, high = 0.0, n
-            first_working = math.nextafter(self._dead_zone, math.inf)
-        if low <= self._dead_zone:
-            low, high = 0.0, max(high, first_working)
-        if high > most:
-            high = low
-        return low if wanted - side.thrust(low) <= side.thrust(high) - wanted else high
+            return self._whole[bisect_left(self._between, thrust_n)]
+        forward = thrust_n > 0.0
+        side, wanted = (self._forward, thrust_n) if forward else (self._backward, -thrust_n)
+        most = self._n_max if forward else -self._n_min
+        n = min(side.command(wanted), most)
+        if n <= self._dead_zone:
+            working = math.nextafter(self._dead_zone, math.inf)
+            n = working if working <= most and 2.0 * wanted > side.thrust(working) else 0.0
+        return n if forward else 0.0 - n
+
+    def _whole_commands(self) -> tuple[list[float], list[float]]:
+        """Return the whole commands that do something, with zero, and the thrusts halfway between neighbours."""
+        every = map(float, range(math.ceil(self._n_min), math.floor(self._n_max) + 1))
+        commands = [n for n in every if n == 0.0 or n * self.thrust(n) > 0.0]  # what drives, not what brakes
+        thrusts = [self.thrust(n) for n in commands]
+        return commands, [(a + b) / 2.0 for a, b in itertools.pairwise(thrusts)]

@@ -6,7 +6,7 @@ thesis 2.2 and 8.1; axes are numbered as in [X, Y, Z, K, M, N].
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from operator import mul
+from operator import le, mul
 
 import daqp
 import numpy as np
@@ -56,11 +56,12 @@ class Allocation:
         self.working = [i for i in range(B.shape[1]) if i not in failed]
         """Columns that take part."""
         self._size = B.shape[1]
-        self._rows: list[list[float]] = B.tolist()
+        self._rows = [(axis, row) for axis, row in enumerate(B.tolist()) if any(row)]
         self._lower: list[float] = lower[self.working].tolist()
         self._upper: list[float] = upper[self.working].tolist()
         scale = np.maximum(upper, -lower)[self.working]
         self.thrust_scale = scale
+        self._scale: list[float] = scale.tolist()
         matrix = B[:, self.working]
         reach = np.abs(matrix) @ scale
         reach[reach < 1e-9 * reach.max()] = 0.0  # nothing but rounding acts on this axis
@@ -70,7 +71,9 @@ class Allocation:
         """Controlled axes on which something acts."""
         if not self.axes:
             raise ValueError("no working actuator acts on any controlled axis")
-        self._ends = [_ENDLESS * self.reach[axis] for axis in self.axes]
+        self._most = _ENDLESS * reach[list(self.axes)]
+        self._endless = float(self._most.min())
+        self._demand = np.zeros(len(self.axes))
         weights = np.array([priority.get(axis, 1.0) / reach[axis] for axis in self.axes])
         self.weights = weights
         controlled = matrix[list(self.axes)]
@@ -102,16 +105,14 @@ class Allocation:
         limits: narrower (lower, upper) thrusts of this moment for all n actuators, from a limit on their rate; zero
         need not lie between them.
         """
-        demand = [max(-end, min(end, tau[axis])) for axis, end in zip(self.axes, self._ends, strict=True)]
+        demand = [tau[axis] for axis in self.axes]
         lower, upper = self._lower, self._upper
         if limits is not None:
             lower = [max(low, limits[0][i]) for low, i in zip(lower, self.working, strict=True)]
             upper = [min(high, limits[1][i]) for high, i in zip(upper, self.working, strict=True)]
         thrusts = [sum(map(mul, row, demand)) for row in self._free]
-        for thrust, low, high in zip(thrusts, lower, upper, strict=True):
-            if not low <= thrust <= high:
-                thrusts = self._solve_bounded(demand, None if limits is None else (lower, upper))
-                break
+        if not (all(map(le, lower, thrusts)) and all(map(le, thrusts, upper))):
+            thrusts = self._solve_bounded(demand, None if limits is None else (lower, upper))
         if len(thrusts) == self._size:
             return thrusts
         every = [0.0] * self._size
@@ -120,8 +121,12 @@ class Allocation:
         return every
 
     def _solve_bounded(self, demand: list[float], limits: tuple[list[float], list[float]] | None) -> list[float]:
-        factor = self.attainable.scaled(demand) if self._keep_direction else 1.0
-        linear = self._linear @ demand * factor
+        self._demand[:] = demand
+        if max(map(abs, demand)) > self._endless:
+            np.clip(self._demand, -self._most, self._most, out=self._demand)
+        if self._keep_direction:
+            self._demand *= self.attainable.scaled(self._demand)
+        linear = self._linear.dot(self._demand)
         if limits is not None:
             self._solver.update(f=linear, bupper=limits[1] / self.thrust_scale, blower=limits[0] / self.thrust_scale)
             self._narrowed = True
@@ -133,10 +138,12 @@ class Allocation:
         part, _, exit_flag, _ = self._solver.solve()
         if exit_flag < 1:
             raise ArithmeticError(f"allocation of {demand} failed: daqp exit flag {exit_flag}")
-        thrusts: list[float] = (part * self.thrust_scale).tolist()
-        return thrusts
+        return list(map(mul, part.tolist(), self._scale))
 
     def wrench(self, thrusts: Sequence[float]) -> Wrench:
         """Return B t, [X Y Z K M N] in N and Nm: what thrusts in N of all n actuators do together."""
-        X, Y, Z, K, M, N = (sum(map(mul, row, thrusts)) for row in self._rows)
+        wrench = [0.0] * len(AXES)
+        for axis, row in self._rows:
+            wrench[axis] = sum(map(mul, row, thrusts))
+        X, Y, Z, K, M, N = wrench
         return X, Y, Z, K, M, N

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +18,7 @@ from marine.vessel import AXES, QuadraticThrust, Rudder, Thruster, Vessel
 _X, _N = 0, 5
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
+class Answer(NamedTuple):
     """Commands for all actuators in the order of the vessel file, and the wrench before rounding, N and Nm."""
 
     commands: list[float]

@@ -120,6 +120,7 @@ def test_attainable_set_is_that_of_a_linear_program(seed: int, solid: bool) -> N
     columns = np.column_stack([B, -demand])  # largest s with B t = s demand
     bounds = [*zip(lower, upper, strict=True), (0.0, 1.0)]
     best = linprog([0.0] * len(lower) + [-1.0], A_eq=columns, b_eq=np.zeros(len(B)), bounds=bounds)
+    assert best.fun is not None
     assert attainable.scaled(demand) == pytest.approx(-best.fun, abs=1e-7)
     assert attainable.contains(B @ rng.uniform(lower, upper))
     assert attainable.contains(demand) == (best.fun < -1.0 + 1e-9)
@@ -138,4 +139,5 @@ def test_polygons_reach_as_far_as_a_linear_program(seed: int, heading: float) ->
     for polygon, zeros in ((attainable.section(0, 2), [1]), (attainable.shadow(0, 2), [])):
         A_eq = B[zeros] if zeros else None
         best = linprog(-towards @ B[[0, 2]], A_eq=A_eq, b_eq=np.zeros(len(zeros)) if zeros else None, bounds=bounds)
+        assert best.fun is not None
         assert max((np.array(polygon) @ towards).tolist()) == pytest.approx(-best.fun, abs=1e-6)
