@@ -1,0 +1,1 @@
+"""The laser distance module of thesis 3.4: two laser dots in the picture of a forward camera."""
