@@ -60,6 +60,8 @@ class Patch:
     skew: float
     contrast: float
     clipped: bool
+    strange: float = 0.0
+    """Area of what is neither the patch's colour nor its surroundings' nor a mixture of them, as a part of the patch."""
 
 
 def colour_mask(image: Image, colour: Colour) -> Mask:
@@ -140,14 +142,18 @@ def measure_patch(image: Image, labels: NDArray[np.int32], blob: Blob, *, clippe
     contrast = float(np.linalg.norm(axis))
     if contrast < _MIN_CONTRAST:
         return None
-    weight = np.clip((pixels - surroundings) @ (axis / contrast**2), -0.5, 1.5)
+    way = (pixels - surroundings) @ (axis / contrast**2)
+    foreign = np.abs(pixels - surroundings - way[..., None] * axis).max(axis=2)
+    typical = float(np.median(foreign[core]))
+    strange = (foreign > max(6.0 * typical, 0.12 * contrast)) & (near > 0) & (label >= 0)
+    weight = np.clip(way, -0.5, 1.5)
     weight[core] = 1.0
     weight[(near == 0) | (label < 0)] = 0.0
     moments = cv2.moments(weight)
     if moments["m00"] <= 0:
         return None
     cut_off = clipped or bool(((near > 0) & (label < 0)).any())
-    return _patch(moments, box, contrast, cut_off)
+    return replace(_patch(moments, box, contrast, cut_off), strange=float(strange.sum() / max(moments["m00"], 1.0)))
 
 
 def _patch(m: dict[str, float], box: Region, contrast: float, clipped: bool) -> Patch:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -36,10 +37,12 @@ _FINE_EVERY = 10
 _MIN_SIDE_PX = 7
 """Smallest side of a candidate in the reduced picture."""
 _MAX_CANDIDATES = 150
-_BLOCK_PX, _BELOW = 25, 8.0
-"""Adaptive threshold: darker than the mean of a block by so many grey levels."""
+_BLOCK_PX, _BELOW, _DEPTH = 25, 8, 16
+"""Adaptive threshold: darker than the mean of a block by so many grey levels, and somewhere by so many."""
 _REACH_MODULES = 0.75
 _GOOD_CONTRAST = 40.0
+_BENT_PX = 0.15
+"""An edge that is bent by this much is not seen as it is; then the pose errs by up to 0.3 px (benchmarks/tracker.py)."""
 _WRONG_MODULE = 0.25
 """A module that differs from what the code says by this part of the contrast is covered or shone upon."""
 
@@ -54,6 +57,18 @@ class Code:
     """(ids, size + 4, size + 4): 1 where white, with the black border and a white ring around it."""
     correctable: int
     """Wrong bits that are put up with: 60 % of what the dictionary can correct, as OpenCV does."""
+    models: dict[tuple[int, int], tuple[Floats, Floats]] = field(default_factory=dict)
+
+
+    def model(self, marker: int, turns: int) -> tuple[Floats, Floats]:
+        """Return the linear model of a marker's modules (modules, 3): own and mean neighbours' white, one; and its inverse."""
+        if (marker, turns) not in self.models:
+            pattern = np.rot90(self.patterns[marker], turns)
+            padded = np.pad(pattern, 1, mode="edge")
+            around = 0.25 * (padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:])
+            design = np.stack([pattern.ravel(), around.ravel(), np.ones(pattern.size)], axis=1)
+            self.models[marker, turns] = (design, np.linalg.pinv(design))
+        return self.models[marker, turns]
 
 
 @lru_cache(maxsize=8)
@@ -140,18 +155,18 @@ class SquareDetector(Detector):
     def _seen(self, image: Image, factor: int, wanted: set[str]) -> list[tuple[str, Detection]]:
         """Return what is found in a picture reduced by a factor."""
         height, width = image.shape[:2]
-        grey = _grey(_reduced(image, factor))
+        grey = cv2.cvtColor(_reduced(image, factor), cv2.COLOR_BGR2GRAY)
         found = self._candidates(grey, factor, Region(0, 0, width, height), image)
         return [(name, detection) for name, detection in found if self._every or name in wanted]
 
     def _candidates(
-        self, grey: NDArray[np.float32], factor: int, region: Region, image: Image
+        self, grey: NDArray[Any], factor: int, region: Region, image: Image
     ) -> list[tuple[str, Detection]]:
         """Return what is read from the dark quadrilaterals of a grey picture of the region, reduced by a factor."""
         found = []
-        for corners in dark_quadrilaterals(grey):
+        for corners in dark_quadrilaterals(grey.astype(np.uint8, copy=False)):
             at = factor * (corners + 0.5) - 0.5
-            if factor == 1:
+            if factor == 1 and grey.dtype == np.float32:
                 measured = self._measure(grey, region, at, image)
             else:
                 part = _around(at, image)
@@ -203,23 +218,23 @@ class SquareDetector(Detector):
         if wrong_bits > self._code.correctable:
             return None
         marker, turns = int(self._ids[best // 4]), best % 4
-        error = _misfit(levels, np.rot90(self._code.patterns[marker], turns))
+        error = _misfit(levels, *self._code.model(marker, turns))
         wrong = np.abs(error) > _WRONG_MODULE
         return _Reading(
             marker=marker,
             corners=np.roll(outline.corners, turns, axis=0),
             wrong_bits=wrong_bits,
             covered=float(wrong.mean()),
-            bright=bool(error[wrong].sum() > 0),
+            bright=bool(error[np.abs(error) > 0.1].sum() >= 0.0),
         )
 
 
-def dark_quadrilaterals(grey: NDArray[np.float32]) -> list[Floats]:
+def dark_quadrilaterals(grey: NDArray[np.uint8]) -> list[Floats]:
     """Return the corners (4, 2), clockwise, of the dark four-cornered shapes in a picture, largest first."""
     if min(grey.shape) < _MIN_SIDE_PX:
         return []
-    picture = grey.astype(np.uint8)
-    dark = cv2.adaptiveThreshold(picture, 1, cv2.ADAPTIVE_THRESH_MEAN_C, cv2.THRESH_BINARY_INV, _BLOCK_PX, _BELOW)
+    depth = cv2.subtract(cv2.blur(grey, (_BLOCK_PX, _BLOCK_PX), borderType=cv2.BORDER_REPLICATE), grey)
+    _, dark = cv2.threshold(depth, _BELOW, 1, cv2.THRESH_BINARY)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(dark, connectivity=4, ltype=cv2.CV_32S)
     width, height, area = stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT], stats[:, cv2.CC_STAT_AREA]
     short, long = np.minimum(width, height), np.maximum(width, height)
@@ -230,6 +245,8 @@ def dark_quadrilaterals(grey: NDArray[np.float32]) -> list[Floats]:
     found = []
     for label in chosen.tolist():
         x, y, w, h = stats[label, :4].tolist()
+        if depth[y : y + h, x : x + w].max() < _DEPTH:
+            continue
         corners = _quadrilateral((labels[y : y + h, x : x + w] == label).astype(np.uint8))
         if corners is not None:
             found.append(corners + (x, y))
@@ -264,10 +281,11 @@ def _checks(
     blur = outline.width_px / module_px
     checks = [
         (min(1.0, float(outline.contrast.min()) / _GOOD_CONTRAST), "low contrast"),
-        (min(1.0, max(DOUBTFUL_QUALITY, 2.0 * inliers - 0.8)), covered),
-        (max(DOUBTFUL_QUALITY, 1.0 - 8.0 * reading.covered), covered),
-        (max(DOUBTFUL_QUALITY, 1.0 - 3.0 * max(std_px - 0.05, 0.0)), "the edges are not straight"),
-        (min(1.0, max(DOUBTFUL_QUALITY, 1.5 - 1.5 * blur)), "blurred"),
+        (_or_doubt(2.0 * inliers - 0.8), covered),
+        (_or_doubt(1.0 - 6.0 * reading.covered), covered),
+        (_or_doubt(1.5 - outline.bent_px / _BENT_PX), f"{covered}: the edges are not straight"),
+        (_or_doubt(1.2 - 2.0 * std_px), "noise"),
+        (_or_doubt(1.7 - 1.5 * blur), "blurred"),
         (1.0 - 0.2 * reading.wrong_bits, f"{reading.wrong_bits} wrong bits"),
     ]
     if outline.step_px > 0.15:
@@ -277,17 +295,17 @@ def _checks(
     return checks
 
 
-def _misfit(levels: Floats, pattern: Floats) -> Floats:
+def _or_doubt(quality: float) -> float:
+    """Return a quality that leaves no middle between good and doubtful."""
+    return min(quality, 1.0) if quality >= GOOD_QUALITY else DOUBTFUL_QUALITY
+
+
+def _misfit(levels: Floats, design: Floats, solver: Floats) -> Floats:
     """Return how much each module is brighter than its code and its neighbours explain, as a part of the contrast.
 
     The neighbours stand for blur: it mixes a module with what lies around it.
     """
-    padded = np.pad(pattern, 1, mode="edge")
-    around = 0.25 * (padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:])
-    own, near, y = pattern.ravel(), around.ravel(), levels.ravel()
-    design = np.stack([own, near, np.ones_like(own)], axis=1)
-    normal = design.T @ design
-    factors = np.linalg.solve(normal, design.T @ y)
+    factors = solver @ levels.ravel()
     contrast = max(float(factors[0] + factors[1]), 1e-6)
     return np.asarray((levels - (design @ factors).reshape(levels.shape)) / contrast)
 
@@ -318,8 +336,8 @@ def _sample(grey: NDArray[np.float32], corners: Floats, size: int) -> Floats:
 
 def _area(corners: Floats) -> float:
     """Return the area inside corners, positive when they go clockwise in the picture."""
-    x, y = corners[:, 0], corners[:, 1]
-    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+    (ax, ay), (bx, by), (cx, cy), (dx, dy) = corners.tolist()
+    return 0.5 * float((cx - ax) * (dy - by) - (cy - ay) * (dx - bx))
 
 
 def _around(corners: Floats, image: Image) -> Region:
