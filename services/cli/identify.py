@@ -1,0 +1,134 @@
+"""`starboard identify METHOD DATA`: parameters from measurements."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from services.cli.errors import CliError
+from services.cli.options import Json
+
+if TYPE_CHECKING:
+    from marine.identification.result import FloatArray, Identified
+    from marine.identification.thruster_map import ThrusterMap
+
+app = typer.Typer(no_args_is_help=True, help="Parameters from measurements.", rich_markup_mode=None)
+
+Model = Literal["quadratic", "affine", "asymmetric", "quadratic_linear"]
+
+
+@app.callback()
+def _identify() -> None:
+    """Parameters from measurements: a method and its data."""
+
+
+@app.command()
+def thruster(
+    data: Annotated[Path, typer.Argument(help="CSV file with columns command and thrust_n, one row per measurement.")],
+    model: Annotated[Model | None, typer.Option(help="Kind of thruster; without it the one that fits best.")] = None,
+    dead_zone: Annotated[
+        float | None, typer.Option(min=0.0, help="Commands up to this do nothing; without it seen in the data.")
+    ] = None,
+    as_json: Json = False,
+    plot: Annotated[Path | None, typer.Option(help="Draw measurements and fit into this SVG file.")] = None,
+) -> None:
+    """Fit the thrust of a thruster over its command, from a bench or a bollard pull (thesis 4.1)."""
+    from marine.identification.result import IdentificationError
+    from marine.identification.thruster_map import dead_zone_of, fit_thruster
+
+    commands, thrusts_n = _read(data)
+    try:
+        stated = dead_zone_of(commands, thrusts_n) if dead_zone is None else dead_zone
+        fitted = fit_thruster(commands, thrusts_n, model, stated)
+    except IdentificationError as error:
+        raise CliError(f"{data}: {error}") from None
+    n_max = float(abs(commands).max())
+    stated = max(stated, fitted.begins)
+    lines = _vessel_lines(fitted.identified, data, n_max, stated)
+    if plot is not None:
+        _draw(plot, data, fitted, commands, thrusts_n)
+    if as_json:
+        print(json.dumps(_document(fitted.identified, data, stated, lines)))
+        return
+    result = fitted.identified
+    print(f"{data}: {result.data.samples} measurements, model {result.model}, {result.citation}")
+    for p in result.parameters:
+        print(f"  {p.name:10} {p.value:12.6g} +- {p.std:.2g} {p.unit}")
+    print(f"  unexplained {result.residual_rms:.3g} N rms; dead zone {stated:g}")
+    for warning in result.warnings:
+        print(f"  warning: {warning}")
+    print("\nfor the vessel file, under [[actuator]]:\n" + "\n".join(lines))
+
+
+def _read(path: Path) -> tuple[FloatArray, FloatArray]:
+    """Return commands and thrusts in N of a CSV file; raise CliError with line and reason."""
+    import csv
+
+    import numpy as np
+
+    rows: list[tuple[float, float]] = []
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            table = csv.DictReader(file)
+            missing = [name for name in ("command", "thrust_n") if name not in (table.fieldnames or ())]
+            if missing:
+                raise CliError(f"{path}: no column {missing[0]}; the first line must name: command,thrust_n")
+            for row in table:
+                try:
+                    rows.append((float(row["command"]), float(row["thrust_n"])))
+                except (TypeError, ValueError):
+                    raise CliError(f"{path}: line {table.line_num}: not two numbers") from None
+    except OSError as error:
+        raise CliError(f"{path}: cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, csv.Error):
+        raise CliError(f"{path}: no CSV file; it must begin with the line: command,thrust_n") from None
+    if not rows:
+        raise CliError(f"{path}: no measurement in it")
+    table_of = np.array(rows)
+    return table_of[:, 0], table_of[:, 1]
+
+
+def _vessel_lines(result: Identified, data: Path, n_max: float, dead_zone: float) -> list[str]:
+    """Return the lines of a vessel file that describe the thruster."""
+    lines = [f'kind = "{result.model}"']
+    for p in result.parameters:
+        lines.append(f"{p.name} = {p.value:.8g}  # {data.name}: +- {p.std:.2g} {p.unit}")
+    lines.append(f"n_max = {n_max:g}  # largest command measured")
+    if dead_zone:
+        lines.append(f"dead_zone = {dead_zone:g}")
+    return lines
+
+
+def _document(result: Identified, data: Path, dead_zone: float, lines: list[str]) -> dict[str, object]:
+    import math
+
+    return {
+        "method": "thruster",
+        "data": str(data),
+        "model": result.model,
+        "parameters": [
+            {"name": p.name, "value": p.value, "std": p.std if math.isfinite(p.std) else None, "unit": p.unit}
+            for p in result.parameters
+        ],
+        "dead_zone": dead_zone,
+        "residual_rms_n": result.residual_rms,
+        "samples": result.data.samples,
+        "warnings": list(result.warnings),
+        "citation": result.citation,
+        "vessel_file": lines,
+    }
+
+
+def _draw(path: Path, data: Path, fitted: ThrusterMap, commands: FloatArray, thrusts_n: FloatArray) -> None:
+    import numpy as np
+
+    from services.cli.svg import Chart, write
+
+    chart = Chart(f"{data.name}: {fitted.identified.model}", "command", "thrust, N")
+    n = np.linspace(commands.min(), commands.max(), 200)
+    chart.line(n.tolist(), [fitted.curve.thrust(x) for x in n.tolist()], "fit")
+    chart.points(commands.tolist(), thrusts_n.tolist(), "measured")
+    write(path, [chart])
