@@ -18,6 +18,7 @@ Fraction = Annotated[float, Field(ge=0.0, le=1.0)]
 Stick = Annotated[float, Field(ge=-1.0, le=1.0)]
 Count = Annotated[int, Field(ge=0)]
 Key = Annotated[str, StringConstraints(max_length=200)]
+PoseCovariance = tuple[float, float, float, float, float, float]
 
 Mode = Literal["stop", "manual", "hold", "heading", "depth", "speed", "line", "path", "distance", "experiment"]
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
@@ -77,6 +78,16 @@ class CameraPose(Message):
     x_m: float | None = None
     y_m: float | None = None
     psi_rad: float
+    psi_image_rad: float | None = Field(
+        None, description="heading in the picture, where a calibration turns it into {E}"
+    )
+    covariance: PoseCovariance | None = Field(
+        None, description="of x, y, psi (m, rad): xx, xy, xpsi, yy, ypsi, psipsi; None: no calibration"
+    )
+    noise_covariance: PoseCovariance | None = Field(
+        None,
+        description="the part of it that changes from frame to frame; the rest is the camera's place, always alike",
+    )
     quality: Fraction
     reason: Text = Field("", description="why the quality is low")
     heading_ambiguous: bool = False

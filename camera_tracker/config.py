@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
 from bus.config import Section
 from camera_tracker import marker
+from camera_tracker.settings import CameraSettings
 
 Channel = Annotated[int, Field(ge=0, le=255)]
+
+SOURCES = (
+    "/dev/video0 or a number, rtsp:// or http:// stream, bus://camera/image, video, folder, picture, sim://[DIRECTORY]"
+)
 
 DICTIONARIES = {
     **{f"{n}x{n}_{count}": count for n in (4, 5, 6, 7) for count in (50, 100, 250, 1000)},
@@ -58,6 +64,8 @@ class Vehicle(Section):
     dictionary: Dictionary | None = Field(None, description="of a square marker: 4x4_50, apriltag_36h11, ...")
     marker: int | None = Field(None, ge=0, description="number of the square marker in its dictionary")
     heading_deg: float = Field(0.0, description="from the marker's axis to the vehicle's x axis, clockwise")
+    height_m: float | None = Field(None, description="of the marker above the water; None: marker_height_m")
+    plain: bool = Field(True, description="a third colour in or beside a patch lowers the quality: glare, or a cover")
     goes_ahead: bool = Field(False, description="one patch with two like ends: its direction of travel shows the front")
 
     @model_validator(mode="after")
@@ -83,8 +91,14 @@ class Rectangle(Section):
 class CameraTrackerConfig(Section):
     """Section [camera_tracker]. Without vehicles it looks for the marker of docs/camera-tracker.md."""
 
-    source: str = Field("sim://", description="/dev/video0 or a number, video, folder, picture, sim://[DIRECTORY]")
+    source: str = Field("sim://", description=SOURCES)
     scale_px_per_m: float | None = Field(None, gt=0, description="None: the vessel file's")
+    calibration: Path | None = Field(None, description="file of `starboard camera`; replaces scale_px_per_m")
+    marker_height_m: float = Field(0.0, description="of the markers above the water; used with a calibration")
+    marker_height_std_m: float = Field(0.005, ge=0, description="how surely it is known")
+    position_noise_px: float = Field(0.1, gt=0, description="of a good pose; used with a calibration")
+    heading_noise_rad: float = Field(0.002, gt=0, description="of a good pose; used with a calibration")
+    camera: CameraSettings = Field(CameraSettings(), description="what is asked of a USB camera")
     image_rate_hz: float = Field(5.0, ge=0, le=60, description="of camera/image; 0: none")
     colours: dict[str, Colour] = Field(default_factory=dict)
     vehicles: tuple[Vehicle, ...] = ()
@@ -93,11 +107,13 @@ class CameraTrackerConfig(Section):
     min_area_px2: float = Field(20.0, gt=0, description="smaller patches are noise")
 
     @model_validator(mode="after")
-    def _known_colours(self) -> Self:
+    def _agrees(self) -> Self:
         for vehicle in self.vehicles:
             for colour in {vehicle.front, vehicle.rear} - {None, *self.colours}:
                 known = ", ".join(self.colours) or "there are none"
                 raise ValueError(f"vehicle {vehicle.name}: no such colour in colours: {colour} ({known})")
+        if self.calibration is not None and self.scale_px_per_m is not None:
+            raise ValueError("calibration and scale_px_per_m: give one of them")
         names = [vehicle.name for vehicle in self.vehicles]
         if len(set(names)) < len(names):
             raise ValueError("two vehicles have the same name")

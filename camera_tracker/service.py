@@ -8,10 +8,11 @@ from bus import topics
 from bus.clock import NS
 from bus.config import Deployment
 from bus.messages import CameraImage, CameraPose, CameraStatus
-from bus.service import Output, Service
+from bus.service import Input, Output, Service
 from camera_tracker.config import CameraTrackerConfig
 from camera_tracker.detectors.base import Detection
-from camera_tracker.sources import Frame, Source, SourceError, open_source
+from camera_tracker.metres import metres_for
+from camera_tracker.sources import BUS_URI, BusSource, Frame, Source, SourceError, open_source
 from camera_tracker.tracking import Tracker
 from marine.vessel import Vessel
 
@@ -35,12 +36,16 @@ class CameraTracker(Service):
     pose = Output(topics.CAMERA_POSE)
     status = Output(topics.CAMERA_STATUS)
     image = Output(topics.CAMERA_IMAGE)
+    feed = Input(topics.CAMERA_IMAGE, max_age_s=SILENCE_S, wakes=True)
+    """Another machine's pictures; read only when the source is `bus://camera/image`, and then none are published."""
 
     def __init__(self, config: CameraTrackerConfig, vessel: Vessel, deployment: Deployment) -> None:
-        self._scale = config.scale_px_per_m or vessel.camera.scale_px_per_m
-        self._config = config.with_default_marker(vessel.name, self._scale)
-        self._camera_size = (vessel.camera.width_px, vessel.camera.height_px)
+        self._metres = metres_for(config, vessel, deployment.config_path)
+        self._config = config.with_default_marker(vessel.name, self._metres.scale_px_per_m)
         self._run_dir = deployment.run_dir
+        unused = "image" if config.source == BUS_URI else "feed"
+        self.ports = {n: p for n, p in self.ports.items() if n != unused}  # type: ignore[misc]  # of this object alone
+        self._image_rate_hz = 0.0 if config.source == BUS_URI else config.image_rate_hz
         self._source: Source | None = None
         self._tracker = Tracker(self._config)
         self._error = ""
@@ -68,6 +73,8 @@ class CameraTracker(Service):
         """Track the newest frame, if there is one."""
         if self._source is None and now_s >= self._retry_s:
             self._open(now_s)
+        if isinstance(self._source, BusSource) and self.feed.updated:
+            self._feed(self._source, now_s)
         frame = self._read(now_s)
         if frame is not None:
             self._take(frame, now_s)
@@ -77,10 +84,18 @@ class CameraTracker(Service):
         """Close the source."""
         self._close()
 
+    def _feed(self, source: BusSource, now_s: float) -> None:
+        image = self.feed.fresh(now_s)
+        if image is not None:
+            source.offer(image)
+        elif self.feed.latest is not None:
+            age_s = now_s - self.feed.latest.stamp_ns / NS
+            self._error = f"{source.uri}: pictures are {age_s:.1f} s old: are the machines' clocks alike?"
+
     def _open(self, now_s: float) -> None:
         self._retry_s = now_s + RETRY_S
         try:
-            self._source = open_source(self._config.source, self._run_dir, self._camera_size)
+            self._source = open_source(self._config.source, self._run_dir, self._metres.size_px, self._config.camera)
             self._source.fileno()
             self._last_frame_s = now_s
         except SourceError as error:
@@ -108,7 +123,7 @@ class CameraTracker(Service):
             return None
         if frame is not None:
             self._last_frame_s = now_s
-            self._error = ""
+            self._error = self._source.note
         elif not self._source.live:
             self._retry_s = now_s + RETRY_S
             self._lose(f"{self._source.uri}: the recording has ended; it starts again")
@@ -124,14 +139,14 @@ class CameraTracker(Service):
         for name, detection in found.items():
             self._publish(name, detection, frame.index, stamp_ns)
         height, width = frame.image.shape[:2]
-        if (width, height) != self._camera_size and self._config.scale_px_per_m is None:
-            expected = " x ".join(str(v) for v in self._camera_size)
-            self._error = f"the picture has {width} x {height} px, the vessel file says {expected}: metres are wrong"
+        if (width, height) != self._metres.size_px and self._config.scale_px_per_m is None:
+            expected, teller = " x ".join(str(v) for v in self._metres.size_px), self._metres.told_by
+            self._error = f"the picture has {width} x {height} px, {teller} says {expected}: metres are wrong"
         self._size, self._visible = (width, height), bool(found)
         self._frames += 1
         self._poses += len(found)
         self._window.add(now_s - stamp_ns / NS)
-        if self._config.image_rate_hz > 0 and now_s - self._last_image_s > 0.99 / self._config.image_rate_hz:
+        if self._image_rate_hz > 0 and now_s - self._last_image_s > 0.99 / self._image_rate_hz:
             self._last_image_s = now_s
             self._publish_image(frame, stamp_ns)
 
@@ -144,12 +159,8 @@ class CameraTracker(Service):
                 frame=index,
                 x_px=found.x_px,
                 y_px=found.y_px,
-                x_m=(found.x_px + 0.5) / self._scale,
-                y_m=(found.y_px + 0.5) / self._scale,
-                psi_rad=found.psi_rad,
-                quality=found.quality,
-                reason=found.reason,
                 heading_ambiguous=found.heading_ambiguous,
+                **{"quality": found.quality, "reason": found.reason, **self._metres.fields(name, found)},
             )
         )
 
@@ -188,7 +199,7 @@ class CameraTracker(Service):
                 latency_s=self._window.latency_s,
                 width_px=self._size[0],
                 height_px=self._size[1],
-                scale_px_per_m=self._scale,
+                scale_px_per_m=self._metres.scale_px_per_m,
             )
         )
 

@@ -1,4 +1,4 @@
-"""Where pictures come from: a camera, a video, a folder, one picture, or the simulator's shared memory (`sim://`).
+"""Where pictures come from: a camera, a stream, the bus, a video, a folder, or the simulator's shared memory (`sim://`).
 
 Layout of `sim://DIRECTORY`, all little-endian. `frames.ring` is mapped by writer and reader:
 
@@ -17,8 +17,6 @@ import mmap
 import os
 import re
 import struct
-import threading
-import time
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +25,9 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from bus.messages import CameraImage
+from camera_tracker.settings import CameraSettings
 
 Image = NDArray[np.uint8]
 """BGR picture, shape (height, width, 3)."""
@@ -45,6 +46,10 @@ _COUNT_AT = 24
 _BLOCK = 64
 _SLOTS = 4
 _RING, _FIFO = "frames.ring", "frames.fifo"
+
+
+BUS_URI = "bus://camera/image"
+STREAMS = ("rtsp://", "rtsps://", "http://", "https://")
 
 
 class SourceError(Exception):
@@ -73,6 +78,8 @@ class Source(ABC):
         self.dropped = 0
         self.skipped: list[str] = []
         """Files of a folder that are no pictures."""
+        self.note = ""
+        """What is wrong though pictures come, such as a setting that the camera did not take."""
 
     def fileno(self) -> int | None:
         """Return the descriptor that becomes readable with a new frame, None for a recording."""
@@ -86,16 +93,25 @@ class Source(ABC):
         """Release what the source holds; a second call does nothing."""
 
 
-def open_source(uri: str, run_dir: Path, size_px: tuple[int, int] | None = None) -> Source:
-    """Open `/dev/video0` or a number, a video, a folder, a picture, `sim://` (in run_dir/camera) or `sim://DIR`.
+def open_source(
+    uri: str, run_dir: Path, size_px: tuple[int, int] | None = None, settings: CameraSettings | None = None
+) -> Source:
+    """Open `/dev/video0` or a number, a stream, `bus://camera/image`, a video, a folder, a picture, `sim://[DIR]`.
 
-    `size_px` (width, height) is asked of a camera. Raises SourceError.
+    `size_px` (width, height) and `settings` are asked of a camera. Raises SourceError.
     """
+    from camera_tracker.live import CameraSource, StreamSource  # which is made of what stands here
+
+    settings = settings or CameraSettings()
+    if uri == BUS_URI:
+        return BusSource(uri)
     if uri.startswith("sim://"):
         return SharedFrames(uri, Path(uri[6:]) if uri[6:] else run_dir / "camera")
+    if uri.startswith(STREAMS):
+        return StreamSource(uri, settings)
     path = Path(f"/dev/video{uri}" if uri.isdecimal() else uri)
     if path.is_char_device() or str(path).startswith("/dev/"):
-        return CameraSource(str(path), size_px)
+        return CameraSource(str(path), size_px, settings)
     if path.is_dir():
         return PictureSource(uri, [p for p in sorted(path.iterdir(), key=_natural) if _is_picture(p)])
     if not path.is_file():
@@ -135,7 +151,7 @@ class PictureSource(Source):
             with contextlib.suppress(cv2.error):
                 image = cv2.imread(str(path), cv2.IMREAD_COLOR)
                 if image is not None:
-                    return Frame(_as_image(image), index * 1_000_000_000, index)
+                    return Frame(as_image(image), index * 1_000_000_000, index)
             self.skipped.append(path.name)
         if len(self.skipped) == len(self._paths):
             raise SourceError(f"{self.uri}: not a picture that can be read (damaged, or another format)")
@@ -165,87 +181,33 @@ class VideoSource(Source):
                 raise SourceError(f"{self.uri}: the video has no frame that can be decoded")
             return None
         index, self._next = self._next, self._next + 1
-        return Frame(_as_image(image), round(index * 1e9 / self.rate_hz), index)
+        return Frame(as_image(image), round(index * 1e9 / self.rate_hz), index)
 
     def close(self) -> None:
         """Release the decoder."""
         self._capture.release()
 
 
-class CameraSource(Source):
-    """A camera by its device.
+class BusSource(Source):
+    """Pictures of `camera/image`, from another machine or a replay; the service hands them over."""
 
-    OpenCV gives neither a descriptor nor a wait with a time limit, and opening takes up to seconds: so a thread opens
-    and grabs, keeps the newest frame and writes an eventfd. It stamps a frame when the driver hands it over.
-    """
+    def __init__(self, uri: str) -> None:
+        super().__init__(uri)
+        self._next: CameraImage | None = None
 
-    def __init__(self, device: str, size_px: tuple[int, int] | None = None) -> None:
-        super().__init__(device)
-        if not os.path.exists(device):
-            raise SourceError(f"{device}: no such camera; is it plugged in?")
-        if not os.access(device, os.R_OK):
-            raise SourceError(f"{device}: no right to read; add the user to the group 'video'")
-        self._size_px = size_px
-        self._event = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-        self._lock = threading.Lock()
-        self._newest: Frame | None = None
-        self._last = -1
-        self._error = ""
-        self._open = True
-        self._thread = threading.Thread(target=self._grab, name=f"camera {device}", daemon=True)
-        self._thread.start()
-
-    def fileno(self) -> int:
-        """Return the eventfd."""
-        return self._event
+    def offer(self, image: CameraImage) -> None:
+        """Hand over a picture; one that was not read yet is dropped."""
+        self.dropped += self._next is not None
+        self._next = image
 
     def read(self) -> Frame | None:
-        """Return the newest frame not yet read; raise SourceError when the camera gives no more."""
-        with contextlib.suppress(BlockingIOError):
-            os.eventfd_read(self._event)
-        with self._lock:
-            frame, self._newest = self._newest, None
-            error = self._error
-        if frame is not None:
-            self.dropped += frame.index - self._last - 1
-            self._last = frame.index
-            if error:  # after the last frame, the next call tells it
-                os.eventfd_write(self._event, 1)
-        elif error:
-            raise SourceError(error)
-        return frame
-
-    def close(self) -> None:
-        """Stop the thread; it releases the camera, if need be after the driver's own time limit."""
-        with self._lock:
-            if not self._open:
-                return
-            self._open = False
-            os.close(self._event)
-        self._thread.join(timeout=0.5)
-
-    def _grab(self) -> None:
-        capture = cv2.VideoCapture(self.uri)
-        if self._size_px is not None:
-            capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._size_px[0])
-            capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size_px[1])
-        index = 0
-        while self._open and capture.grab():
-            stamp_ns = time.time_ns()
-            ok, image = capture.retrieve()
-            if not ok:
-                break
-            self._hand_over(Frame(_as_image(image), stamp_ns, index), "")
-            index += 1
-        self._hand_over(None, f"{self.uri}: the camera {'gives no more frames' if index else 'cannot be opened'}")
-        capture.release()
-
-    def _hand_over(self, frame: Frame | None, error: str) -> None:
-        with self._lock:
-            if self._open:
-                self._newest = frame or self._newest
-                self._error = error
-                os.eventfd_write(self._event, 1)
+        """Return the picture handed over last; None also when it cannot be decoded, which `note` tells."""
+        image, self._next = self._next, None
+        if image is None or not image.data:
+            return None
+        decoded = cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_COLOR)
+        self.note = "" if decoded is not None else "the bus carries a picture that cannot be decoded"
+        return None if decoded is None else Frame(as_image(decoded), image.stamp_ns, image.frame)
 
 
 class FrameWriter:
@@ -394,6 +356,6 @@ def _slot_views(ring: mmap.mmap) -> list[Image]:
     ]
 
 
-def _as_image(image: Any) -> Image:
+def as_image(image: Any) -> Image:
     """Return a decoded picture as uint8 (rows, columns, 3)."""
     return np.ascontiguousarray(image, dtype=np.uint8)

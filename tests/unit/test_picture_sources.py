@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 import pytest
 
+from camera_tracker.live import CameraSource
 from camera_tracker.sources import (
-    CameraSource,
     Frame,
     FrameWriter,
     Image,
