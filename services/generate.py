@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +14,10 @@ from bus import topics
 from bus.config import Section
 from bus.messages import Message
 from bus.service import Input, Output
-from bus.topics import OPERATOR, Topic
+from bus.topics import Topic
 from bus.units import unit_of
 from services.catalog import PROCESSES, ROOT, Process, SystemConfig
+from services.star import declared_star, mermaid
 
 BEGIN = "<!-- generated: {} -->"
 END = "<!-- end of generated: {} -->"
@@ -34,24 +35,7 @@ def published_by(process: Process) -> list[Topic[Any]]:
 
 def star_diagram() -> str:
     """Return the star as a Mermaid flowchart: what each process sends to the hub and gets from it."""
-    lines = ["flowchart LR", "    hub((hub)) -. everything .- hub_standby((hub_standby))"]
-    lines.append("    operator([operator: page, command line])")
-    lines.append(f'    operator -- "{_keys(t for t in topics.all_topics() if t.publisher == OPERATOR)}" --> hub')
-    for process in PROCESSES:
-        if process.name in ("hub", "hub_standby"):
-            continue
-        sent, got = published_by(process), read_by(process)
-        own = [t for t in sent if t.publisher != OPERATOR]
-        if own:
-            lines.append(f'    {process.name} -- "{_keys(own)}" --> hub')
-        everything = any(not isinstance(p, Input | Output) for p in process.service.ports.values())
-        if everything or got:
-            lines.append(f'    hub -- "{"everything" if everything else _keys(got)}" --> {process.name}')
-    return "\n".join(lines)
-
-
-def _keys(some: Iterator[Topic[Any]] | list[Topic[Any]]) -> str:
-    return "<br>".join(dict.fromkeys(t.key for t in some))
+    return mermaid(declared_star())
 
 
 def process_table() -> str:
