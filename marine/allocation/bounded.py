@@ -91,8 +91,7 @@ class Allocation:
         hessian = A.T @ A + REGULARISATION * np.eye(len(scale))
         full = self.rank == len(self.axes)
         free = preferred if full else -np.linalg.solve(hessian, linear)
-        self._free: list[list[float]] = (scale[:, None] * free).tolist()
-        self._linear = linear
+        self._answers = np.vstack([scale[:, None] * free, linear])  # of a demand: free thrusts; linear term of the QP
         self._solver = daqp.Model()
         self._bounds = np.array(self._upper) / scale, np.array(self._lower) / scale
         self._solver.setup(hessian, np.zeros(len(scale)), np.zeros((0, len(scale))), *self._bounds)
@@ -106,13 +105,18 @@ class Allocation:
         need not lie between them.
         """
         demand = [tau[axis] for axis in self.axes]
+        self._demand[:] = demand
+        if max(map(abs, demand)) > self._endless:
+            np.clip(self._demand, -self._most, self._most, out=self._demand)
+        answers = self._answers.dot(self._demand)
         lower, upper = self._lower, self._upper
         if limits is not None:
             lower = [max(low, limits[0][i]) for low, i in zip(lower, self.working, strict=True)]
             upper = [min(high, limits[1][i]) for high, i in zip(upper, self.working, strict=True)]
-        thrusts = [sum(map(mul, row, demand)) for row in self._free]
+        n = len(lower)
+        thrusts: list[float] = answers[:n].tolist()
         if not (all(map(le, lower, thrusts)) and all(map(le, thrusts, upper))):
-            thrusts = self._solve_bounded(demand, None if limits is None else (lower, upper))
+            thrusts = self._solve_bounded(answers[n:], None if limits is None else (lower, upper))
         if len(thrusts) == self._size:
             return thrusts
         every = [0.0] * self._size
@@ -120,13 +124,9 @@ class Allocation:
             every[i] = thrust
         return every
 
-    def _solve_bounded(self, demand: list[float], limits: tuple[list[float], list[float]] | None) -> list[float]:
-        self._demand[:] = demand
-        if max(map(abs, demand)) > self._endless:
-            np.clip(self._demand, -self._most, self._most, out=self._demand)
+    def _solve_bounded(self, linear: Array, limits: tuple[list[float], list[float]] | None) -> list[float]:
         if self._keep_direction:
-            self._demand *= self.attainable.scaled(self._demand)
-        linear = self._linear.dot(self._demand)
+            linear = linear * self.attainable.scaled(self._demand)
         if limits is not None:
             self._solver.update(f=linear, bupper=limits[1] / self.thrust_scale, blower=limits[0] / self.thrust_scale)
             self._narrowed = True
@@ -137,7 +137,7 @@ class Allocation:
             self._solver.update(f=linear)
         part, _, exit_flag, _ = self._solver.solve()
         if exit_flag < 1:
-            raise ArithmeticError(f"allocation of {demand} failed: daqp exit flag {exit_flag}")
+            raise ArithmeticError(f"allocation of {self._demand.tolist()} failed: daqp exit flag {exit_flag}")
         return list(map(mul, part.tolist(), self._scale))
 
     def wrench(self, thrusts: Sequence[float]) -> Wrench:
