@@ -14,6 +14,7 @@ from bus.service import Output, Service
 from bus.store import Store
 from bus.zenoh_bus import HubBus
 
+LINK_S = 0.2
 SNAPSHOT_S = 0.5
 STATISTICS_S = 1.0
 ALONE_S = 1.0
@@ -39,7 +40,7 @@ class Hub(Service):
     """Route all messages; keep the last value of every key for late joiners, on disk too; publish statistics."""
 
     name = "hub"
-    rate_hz = 5.0
+    rate_hz = 50.0
     statistics = Output(topics.HUB_STATISTICS)
 
     def __init__(self, config: HubConfig, deployment: Deployment) -> None:
@@ -51,7 +52,7 @@ class Hub(Service):
         self._store = Store(is_latched)
         self._snapshot = deployment.run_dir / f"{self.name}.snapshot"
         self._bus: HubBus | None = None
-        self._started_s = self._saved_s = self._published_s = 0.0
+        self._started_s = self._linked_s = self._saved_s = self._published_s = 0.0
         self._error = ""
 
     def open_bus(self, vessel: str) -> HubBus:
@@ -71,16 +72,18 @@ class Hub(Service):
         """Link, save, tell."""
         if self._bus is None:
             return
-        linked = self._bus.linked
-        self._follow_link(self._bus, linked, now_s)
+        self._bus.fill_store()
+        if now_s - self._linked_s >= LINK_S:
+            self._linked_s = now_s
+            self._follow_link(self._bus, now_s)
         if now_s - self._saved_s >= SNAPSHOT_S:
             self._saved_s = now_s
             self._save()
         if now_s - self._published_s >= STATISTICS_S:
             self._published_s = now_s
             self._store.renew_rates(round(now_s * NS))
-            if self._tells(linked):
-                self.statistics.publish(self._measured(self._bus.clients, linked))
+            if self._tells(self._bus.linked):
+                self.statistics.publish(self._measured(self._bus.clients, self._bus.linked))
 
     def stop(self, now_s: float) -> None:
         """Save the last values."""
@@ -89,7 +92,8 @@ class Hub(Service):
     def _tells(self, linked: bool) -> bool:
         return True
 
-    def _follow_link(self, bus: HubBus, linked: bool, now_s: float) -> None:
+    def _follow_link(self, bus: HubBus, now_s: float) -> None:
+        linked = bus.linked
         if linked and not bus.pulled:
             bus.pull_store()
         elif linked or now_s - self._started_s > ALONE_S:

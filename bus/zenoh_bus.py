@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
+import itertools
 import json
 import logging
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -24,8 +27,15 @@ log = logging.getLogger("bus")
 LEASE_MS = 400
 """A silent hub counts as dead after this; found in docs/adr/0001-zenoh.md to survive a loaded two-core machine."""
 
+TRY_MS = 300
+"""So long one address is tried before the next."""
+REMIND_S = 3.0
+
 MAX_MESSAGE_BYTES = 32_000_000
 """A larger message ends its sender's connection: Zenoh's own limit is 1 GB, and it would be gathered in memory."""
+
+_STORE_BACKLOG = 10_000
+"""Messages that wait for the store; when it is full, routing waits. The loop empties it 50 times a second."""
 
 _DUMP = "@hub/store"
 """Where a hub gives all its values to the other one; no wildcard fits a chunk with an @."""
@@ -81,7 +91,7 @@ def _open(mode: str, endpoints: tuple[str, ...], timeout_ms: int, link: tuple[st
     except zenoh.ZError as error:
         where = ", ".join(endpoints)
         if mode == "client":
-            raise HubUnreachableError(f"no hub answers at {where}: is `starboard up` running?") from None
+            raise HubUnreachableError(where) from None
         if "in use" in str(error):
             raise ConfigError(f"cannot listen on {where}: another hub (or program) has this port") from None
         raise ConfigError(f"cannot listen on {where}: {first_line(error).split(' at /')[0]}") from None
@@ -101,15 +111,20 @@ class ZenohBus:
     @classmethod
     def connect(cls, vessel: str, endpoints: tuple[str, ...], timeout_s: float | None = None) -> ZenohBus:
         """Return a client of the hub, waiting for it as long as it takes, or raise HubUnreachableError."""
-        if timeout_s is not None:
-            return cls(_open("client", endpoints, round(timeout_s * 1000)), vessel)
-        reminder = threading.Timer(3.0, log.warning, ("waiting for the hub at %s", ", ".join(endpoints)))
-        reminder.daemon = True
-        reminder.start()
-        try:
-            return cls(_open("client", endpoints, -1), vessel)
-        finally:
-            reminder.cancel()
+        begin_s = time.monotonic()
+        told = False
+        for turn in itertools.count():
+            # Zenoh would wait for the first address for ever, though another answers. Once connected it tries them all.
+            first = turn % len(endpoints)
+            with contextlib.suppress(HubUnreachableError):
+                return cls(_open("client", (*endpoints[first:], *endpoints[:first]), TRY_MS), vessel)
+            waited_s = time.monotonic() - begin_s
+            if timeout_s is not None and waited_s >= timeout_s:
+                break
+            if timeout_s is None and waited_s > REMIND_S and not told:
+                told = True
+                log.warning("waiting for the hub at %s", ", ".join(endpoints))
+        raise HubUnreachableError(f"no hub answers at {', '.join(endpoints)}: is `starboard up` running?")
 
     def attach(self, service: Service, wake: Callable[[], None]) -> None:
         """Declare a service's ports; `wake` is called from another thread when an input that wakes has something."""
@@ -244,9 +259,10 @@ class HubBus(ZenohBus):
         self._announced = False
         everything = self._key("**")
         self._kept += [
-            session.declare_subscriber(everything, zenoh.handlers.Callback(self._keep, indirect=False)),
             session.declare_queryable(self._key(_DUMP), self._dump),
         ]
+        self._heard = session.declare_subscriber(everything, zenoh.handlers.FifoChannel(_STORE_BACKLOG))
+        self._hearing = threading.Lock()
         self._answers = session.declare_queryable(everything, self._answer)
 
     @classmethod
@@ -286,20 +302,26 @@ class HubBus(ZenohBus):
         if event.transport.whatami == zenoh.WhatAmI.ROUTER:
             self.pulled = False
 
-    def _keep(self, sample: zenoh.Sample) -> None:
-        key = self._strip(str(sample.key_expr))
-        if sample.kind == zenoh.SampleKind.PUT:
-            self._store.keep(key, sample.payload.to_bytes(), self._clock.now_ns())
-        else:
-            self._store.forget(key)
+    def fill_store(self) -> None:
+        """Take over what has passed since the last call. In batches: a callback for each message would slow its way."""
+        now_ns = self._clock.now_ns()
+        with self._hearing:
+            while (sample := self._heard.try_recv()) is not None:
+                key = self._strip(str(sample.key_expr))
+                if sample.kind == zenoh.SampleKind.PUT:
+                    self._store.keep(key, sample.payload.to_bytes(), now_ns)
+                else:
+                    self._store.forget(key)
 
     def _answer(self, query: zenoh.Query) -> None:
+        self.fill_store()
         with query:
             for key, entry in self._store.items():
                 if query.key_expr.intersects(full := zenoh.KeyExpr(self._key(key))):
                     query.reply(full, entry.payload or b"", attachment=_about(entry))
 
     def _dump(self, query: zenoh.Query) -> None:
+        self.fill_store()
         with query:
             query.reply(query.key_expr, self._store.dump())
 

@@ -16,7 +16,8 @@ pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 
 PLACE = (1.5, 1.2, 0.5)
 CHAIN = {"camera_tracker", "estimator", "controller", "helm", "allocator", "platform_link"}
-"""Without one of these no command may reach the thrusters. (The simulator is the world itself; the hub has a standby.)"""
+"""Without one of these no command may reach the thrusters. (The simulator is the world itself,
+and the hub has a standby.)"""
 STILL_WITHIN_S = 0.5
 BACK_WITHIN_S = 3.0
 HUNG_AFTER_S = 3.0

@@ -1,0 +1,319 @@
+"""Hub, standby and clients over the real bus: fail-over, late joiners, slow and broken clients, quality of service."""
+
+import contextlib
+import itertools
+import os
+import random
+import signal
+import threading
+import time
+from collections.abc import Iterator
+
+import psutil
+import pytest
+
+from benchmarks.bus import Crew
+from benchmarks.hub_pair import HubPair, Stream, kill_trials
+from benchmarks.result import percentile
+from benchmarks.running_star import free_port, wait_for
+from bus import topics
+from bus.messages import HubStatistics, LinkStatus, Wrench
+from bus.service import Input, Service
+from bus.topics import CONTROL_WRENCH, HUB_STATISTICS, LINK_STATUS
+from bus.zenoh_bus import HubUnreachableError, LastValue, ZenohBus
+from tests.unit.test_inputs import Reader
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(60)]
+
+
+@pytest.fixture(scope="module")
+def pair() -> Iterator[HubPair]:
+    with HubPair() as running:
+        yield running
+
+
+def last(bus: ZenohBus, key: str) -> LastValue | None:
+    return next((v for v in bus.last_values(key) if v.payload), None)
+
+
+def statistics(bus: ZenohBus) -> HubStatistics | None:
+    value = last(bus, HUB_STATISTICS.key)
+    return HubStatistics.decode(value.payload) if value is not None and value.payload else None
+
+
+def connected(seq: int = 0) -> LinkStatus:
+    return LinkStatus(state="connected", stamp_ns=time.time_ns(), seq=seq, source="platform_link", port="/dev/x")
+
+
+# --- last values ------------------------------------------------------------------------------------------------
+
+
+def test_value_source_time_count_and_rate_of_a_key(pair: HubPair) -> None:
+    bus = pair.client()
+    for seq in range(5):
+        bus.publish(LINK_STATUS, connected(seq))
+        bus.publish(CONTROL_WRENCH, Wrench(stamp_ns=1, seq=seq, source="controller"))
+    value = wait_for(lambda: (v := last(bus, "link/status")) and v.count >= 5 and v, 3.0, "the value")
+    assert value.source == "platform_link"
+    assert LinkStatus.decode(value.payload).seq == 4
+    assert abs(value.received_ns - time.time_ns()) < 3e9
+    (wrench,) = bus.last_values("control/wrench")
+    assert wrench.payload is None, "a command never comes back from the past"
+    assert wrench.count == 5
+
+
+def test_statistics_by_key_and_source_and_what_readers_missed(pair: HubPair) -> None:
+    bus = pair.client()
+    beat = topics.HEARTBEAT.message(
+        state="running", pid=1, rate_hz=1, late_steps=0, step_mean_ms=0, step_max_ms=0, gaps=3, dropped=4,
+        stamp_ns=1, source="slow",
+    )  # fmt: skip
+    bus.publish(topics.HEARTBEAT.of("slow"), beat)
+
+    def told() -> HubStatistics | None:
+        bus.publish(LINK_STATUS, connected())
+        now = statistics(bus)
+        return now if now and "slow" in now.missed and now.by_key.get("link/status") else None
+
+    now = wait_for(told, 5.0, "statistics")
+    assert now.source == "hub"
+    assert now.linked
+    assert now.clients >= 1
+    assert now.missed["slow"] == 7
+    assert now.by_source["platform_link"].messages_hz > 5.0
+    assert now.by_key["link/status"].bytes_s > 1000.0
+
+
+def test_last_values_outlive_every_hub_in_turn(pair: HubPair) -> None:
+    bus = pair.client()
+    sent = connected(77)
+    bus.publish(LINK_STATUS, sent)
+    wait_for(lambda: (v := last(bus, "link/status")) and v.payload == sent.encode(), 3.0, "it is kept")
+    for name in (*pair.names, pair.names[0]):
+        pair.kill(name)
+        value = wait_for(lambda: last(pair.client(), "link/status"), 5.0, "a late joiner gets it")
+        assert value.payload == sent.encode()
+        pair.start(name)
+        pair.wait_until_up(name)
+
+
+def test_a_single_hub_comes_back_with_what_it_knew_a_second_ago() -> None:
+    with HubPair(standby=False) as pair:
+        bus = pair.client()
+        sent = connected(5)
+        bus.publish(LINK_STATUS, sent)
+        snapshot = pair.folder / "run" / "hub.snapshot"
+        begin_s = time.monotonic()
+        wait_for(lambda: snapshot.exists() and sent.encode() in snapshot.read_bytes(), 1.5, "it is on disk")
+        assert time.monotonic() - begin_s < 1.0
+        pair.kill("hub")
+        snapshot.write_bytes(snapshot.read_bytes())
+        pair.start("hub")
+        pair.wait_until_up("hub")
+        value = wait_for(lambda: last(pair.client(), "link/status"), 3.0, "the value")
+        assert value.payload == sent.encode()
+        assert value.source == "platform_link"
+        pair.kill("hub")
+        snapshot.write_bytes(b"\x00 nonsense")
+        pair.start("hub")
+        pair.wait_until_up("hub")
+        assert "starting without last values" in (pair.folder / "hub.txt").read_text()
+
+
+# --- fail-over --------------------------------------------------------------------------------------------------
+
+
+def check_kills(count: int) -> None:
+    for gap_s, lost in kill_trials(count):
+        assert gap_s <= 0.100
+        assert lost <= 3
+
+
+def test_a_killed_hub_is_a_gap_of_less_than_100_ms() -> None:
+    check_kills(3)
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(300)
+def test_a_killed_hub_twenty_times() -> None:
+    check_kills(20)
+
+
+def test_a_hub_that_hangs_is_left_within_a_second() -> None:
+    for gap_s, _ in kill_trials(1, signal.SIGSTOP):
+        assert gap_s <= 1.0
+
+
+def test_a_client_finds_a_hub_that_listens_again_within_half_a_second() -> None:
+    with HubPair(standby=False) as pair, Stream(pair.client(), pair.client()) as stream:
+        pair.kill("hub")
+        pair.start("hub")
+        tcp = psutil.Process(pair.processes["hub"].pid)
+        wait_for(lambda: any(c.status == psutil.CONN_LISTEN for c in tcp.net_connections("tcp")), 10.0, "it listens")
+        begin_s = time.monotonic()
+        wait_for(lambda: stream.arrivals[-1].at_s > begin_s, 5.0, "the stream flows")
+        assert stream.arrivals[-1].at_s - begin_s < 0.6
+
+
+# --- subscriptions ----------------------------------------------------------------------------------------------
+
+
+class Inbox:
+    """A service's inputs on the real bus, stepped by hand."""
+
+    def __init__(self, bus: ZenohBus, service: Service) -> None:
+        self.woken = threading.Event()
+        self.service = service
+        bus.attach(service, self.woken.set)
+
+    def refresh(self) -> None:
+        for port in self.service.inputs:
+            port.refresh(time.time_ns())
+
+
+def test_interval_change_and_many_keys_on_the_real_bus(pair: HubPair) -> None:
+    sender = pair.client()
+    reader = Reader()
+    inbox = Inbox(pair.client(), reader)
+    for seq in range(30):
+        sender.publish(CONTROL_WRENCH, Wrench(stamp_ns=1, seq=seq, source="controller", surge_n=float(seq)))
+    wait_for(inbox.woken.is_set, 3.0, "it is woken")
+    values: list[float | None] = []
+
+    def burst_is_over() -> bool:
+        inbox.refresh()
+        if reader.paced.updated and reader.paced.latest is not None:
+            values.append(reader.paced.latest.surge_n)
+        return bool(values) and values[-1] == 29.0
+
+    wait_for(burst_is_over, 3.0, "the last of the burst")
+    assert len(values) <= 2
+    for name in ("one", "two"):
+        beat = topics.HEARTBEAT.message(
+            state="running", pid=1, rate_hz=1, late_steps=0, step_mean_ms=0, step_max_ms=0, stamp_ns=1, source=name
+        )
+        sender.publish(topics.HEARTBEAT.of(name), beat)
+
+    def both() -> bool:
+        inbox.refresh()
+        return {"service/one/heartbeat", "service/two/heartbeat"} <= set(reader.beats.by_key)
+
+    wait_for(both, 3.0, "heartbeats of both")
+
+
+def test_a_slow_reader_harms_only_itself_and_what_it_missed_is_counted(pair: HubPair) -> None:
+    class Slow(Service):
+        name = "slow"
+        rate_hz = 1.0
+        status = Input(LINK_STATUS, queue=10)
+
+        def step(self, now_s: float) -> None:
+            raise AssertionError("never stepped")
+
+    sender, quick = pair.client(), pair.client()
+    slow = Slow()
+    Inbox(pair.client(), slow)
+    heard: list[str] = []
+    quick.subscribe("link/status", lambda sample: heard.append(sample.key))
+    time.sleep(0.2)
+    for seq in range(300):
+        sender.publish(LINK_STATUS, connected(seq))
+        time.sleep(0.001)
+    wait_for(lambda: len(heard) == 300, 3.0, "the quick one has all")
+    wait_for(lambda: slow.status.dropped >= 290, 3.0, "the slow one counts")
+    slow.status.refresh()
+    assert len(slow.status.take()) == 10
+
+
+# --- quality of service -----------------------------------------------------------------------------------------
+
+
+def test_commands_pass_a_flood_of_images_and_a_sleeping_reader() -> None:
+    with HubPair(standby=False) as hub, Crew() as crew:
+        crew.start("sleeper", endpoints=hub.endpoints)
+        crew.start("pictures", endpoints=hub.endpoints, rate_hz=200.0, size=100_000)
+        crew.start("stream", endpoints=hub.endpoints, key="bench/command", rate_hz=100.0)
+        ways = crew.values(crew.start("ways", endpoints=hub.endpoints, key="bench/command", count=300))
+    assert percentile(ways, 50) < 10_000  # us; the figures themselves: `starboard bench bus`
+    assert percentile(ways, 95) < 50_000
+
+
+# --- bad input --------------------------------------------------------------------------------------------------
+
+
+def test_bad_payloads_and_keys_are_counted_and_harm_nobody(pair: HubPair) -> None:
+    bad, good = pair.client(), pair.client()
+    reader = Reader()
+    inbox = Inbox(pair.client(), reader)
+    before = wait_for(lambda: statistics(good), 3.0, "statistics").refused
+    with Stream(pair.client(), pair.client()) as stream:
+        for payload in (b"", b"\xff\x00", b'{"surge_n": NaN}', b'{"surge_n": "x"}', b"[" * 100_000, b" " * 10_000_000):
+            bad.put("control/wrench", payload)
+        bad.put("control/*", b"{}")
+        bad.put("**", b"{}")
+        bad.put("noise/large", b"x" * 10_000_000)
+        bad.session.delete("pladypos/link/status")
+
+        def counted() -> bool:
+            inbox.refresh()
+            return reader.paced.malformed >= 7
+
+        wait_for(counted, 5.0, "malformed messages, counted")
+        wait_for(lambda: statistics(good).refused >= before + 3, 5.0, "refused by the store")  # type: ignore[union-attr]
+        stream.wait_for_flow(0.5)
+
+
+def test_ten_thousand_keys_are_the_limit_and_the_rest_goes_on() -> None:
+    with HubPair(standby=False) as pair:
+        bus = pair.client()
+        bus.publish(LINK_STATUS, connected())
+        wait_for(lambda: last(bus, "link/status"), 3.0, "a value before the flood")
+        for i in range(10_100):
+            bus.put(f"noise/{i}", b"{}")
+        full = wait_for(lambda: (s := statistics(bus)) and s.refused > 0 and s, 15.0, "some are refused")
+        assert full.keys == 10_000
+        assert len(full.by_key) <= 50
+        bus.publish(LINK_STATUS, connected(9))
+        wait_for(lambda: LinkStatus.decode(last(bus, "link/status").payload).seq == 9, 5.0, "it goes on")  # type: ignore[union-attr,arg-type]
+
+
+def test_a_storm_of_clients_leaves_the_stream_in_peace() -> None:
+    with (
+        HubPair(standby=False) as pair,
+        Stream(pair.client(), pair.client()) as stream,
+        contextlib.ExitStack() as crowd,
+    ):
+        for i in range(200):
+            bus = ZenohBus.connect("pladypos", (pair.hub,), 5.0)
+            if i % 2:
+                bus.close()
+            else:
+                crowd.callback(bus.close)
+        monitor = pair.client()
+        wait_for(lambda: (s := statistics(monitor)) and s.clients >= 100, 5.0, "a hundred are counted")
+        begin_s = time.monotonic()
+        stream.wait_for_flow(0.5)
+        assert stream.gap_since(begin_s)[1] == 0
+
+
+def test_nobody_there_is_one_clear_error() -> None:
+    with pytest.raises(HubUnreachableError, match="starboard up"):
+        ZenohBus.connect("pladypos", (f"tcp/127.0.0.1:{free_port()}",), 0.3)
+
+
+@pytest.mark.soak
+@pytest.mark.timeout(600)
+def test_fuzz_on_the_real_bus(pair: HubPair) -> None:
+    noise = random.Random(1)
+    bus = pair.client()
+    keys = [t.key for t in topics.all_topics() if "{" not in t.key] + ["noise/x", "control/**", "service/*/heartbeat"]
+    with Stream(pair.client(), pair.client()) as stream:
+        end_s = time.monotonic() + 120.0
+        for i in itertools.count():
+            bus.put(noise.choice(keys), noise.randbytes(noise.choice((0, 1, 10, 1000, 100_000))))
+            if i % 1000 == 0:
+                stream.wait_for_flow(0.2)
+                if time.monotonic() > end_s:
+                    break
+    assert all(process.poll() is None for process in pair.processes.values())
+    assert os.path.exists(pair.folder / "run" / "hub.snapshot")
