@@ -7,6 +7,7 @@ import math
 from collections import deque
 from typing import Literal, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from bus import topics
@@ -16,7 +17,7 @@ from bus.messages import CameraPose, NavigationState
 from bus.service import FUTURE_TOLERANCE_S, Input, Output, Service
 from marine.dynamics.integrate import State
 from marine.dynamics.uncoupled import Tau
-from marine.estimation.ekf import EkfTuning, PoseEkf, Verdict
+from marine.estimation.ekf import Array, EkfTuning, PoseEkf, Verdict
 from marine.estimation.smoothing import CausalVelocities
 from marine.vessel import Vessel
 
@@ -133,9 +134,11 @@ class Estimator(Service):
         x_m, y_m, psi_rad = pose.x_m or 0.0, pose.y_m or 0.0, pose.psi_rad
         if (pose.stamp_ns - self._used_ns) / NS > self._config.lost_after_s:
             self._forget()
-        take_in = self._filter if self._config.enabled else self._measure
-        if not take_in(pose.stamp_ns, x_m, y_m, psi_rad):
-            return False
+        if self._config.enabled:
+            if not self._filter(pose.stamp_ns, x_m, y_m, psi_rad, _noise(pose)):
+                return False
+        else:
+            self._measure(pose.stamp_ns, x_m, y_m, psi_rad)
         self._used_ns = pose.stamp_ns
         return True
 
@@ -143,12 +146,11 @@ class Estimator(Service):
         self._ekf, self._measured, self._ready = None, None, False
         self._smoother.clear()
 
-    def _measure(self, stamp_ns: int, x_m: float, y_m: float, psi_rad: float) -> bool:
+    def _measure(self, stamp_ns: int, x_m: float, y_m: float, psi_rad: float) -> None:
         self._measured = (x_m, y_m, psi_rad, *self._smoother.add(stamp_ns / NS, x_m, y_m, psi_rad))
         self._ready = True
-        return True
 
-    def _filter(self, stamp_ns: int, x_m: float, y_m: float, psi_rad: float) -> bool:
+    def _filter(self, stamp_ns: int, x_m: float, y_m: float, psi_rad: float, noise: Array | None) -> bool:
         if self._ekf is None:
             self._ekf = PoseEkf(self._model, self._tuning, x_m, y_m, psi_rad)
             self._filter_ns = stamp_ns
@@ -158,7 +160,7 @@ class Estimator(Service):
         self._filter_ns = stamp_ns
         while len(self._wrenches) > 1 and self._wrenches[1][0] <= stamp_ns:
             self._wrenches.popleft()
-        if ekf.update(x_m, y_m, psi_rad) is Verdict.REFUSED:
+        if ekf.update(x_m, y_m, psi_rad, noise) is Verdict.REFUSED:
             return False
         if not self._ready:
             self._ready = float(ekf.covariance.diagonal()[3:5].max()) < self._config.ready_std_m_s**2
@@ -227,3 +229,14 @@ class Estimator(Service):
         if not self._ready:
             return "initialising"
         return "predicting" if age_s > self._config.predicting_after_s else "tracking"
+
+
+def _noise(pose: CameraPose) -> Array | None:
+    """Return the covariance (3, 3) of what changes from pose to pose, where a calibrated camera tells it.
+
+    The rest of its error, the camera's place, is alike in all poses: the vessel is held in the camera's {E}.
+    """
+    if pose.noise_covariance is None:
+        return None
+    xx, xy, xp, yy, yp, pp = pose.noise_covariance
+    return np.array([(xx, xy, xp), (xy, yy, yp), (xp, yp, pp)])

@@ -114,14 +114,17 @@ class PoseEkf:
         F[5, 8] = dt_s / yaw.alpha
         return F
 
-    def update(self, x_m: float, y_m: float, psi_rad: float) -> Verdict:
-        """Take in a pose measured at the filter's time, unless the gate refuses it."""
+    def update(self, x_m: float, y_m: float, psi_rad: float, noise: Array | None = None) -> Verdict:
+        """Take in a pose measured at the filter's time, unless the gate refuses it.
+
+        noise (3, 3): covariance of the measured pose, m and rad; None: that of the tuning.
+        """
         x, y, psi, u, v, r = self.state
         d_x, d_y, d_n = self.disturbance
         P = self.covariance
         PH = P[:, :3]
         e_x, e_y, e_psi = x_m - x, y_m - y, wrap_angle(psi_rad - psi)
-        S_inverse = _inverse((PH[:3] + self._noise).tolist())
+        S_inverse = _inverse((PH[:3] + (self._noise if noise is None else noise)).tolist())
         (a, b, c), (_, d, e), (_, _, f) = S_inverse
         w = (a * e_x + b * e_y + c * e_psi, b * e_x + d * e_y + e * e_psi, c * e_x + e * e_y + f * e_psi)
         if not w[0] * e_x + w[1] * e_y + w[2] * e_psi <= self.tuning.gate:  # not a number is refused, too
