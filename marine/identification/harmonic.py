@@ -36,8 +36,8 @@ ComplexArray = NDArray[np.complex128]
 def coefficients(y: FloatArray, starts: NDArrayInt, orders: int, *, held: bool) -> ComplexArray:
     """Return the complex Fourier coefficients of each period, shape (periods, orders + 1).
 
-    y = Re sum c_k exp(j k phase), shape (n,); starts: first sample of each period and the end of the last. held: y is held from one sample to the
-    next (a command) and not a sampled curve. c_0 is the mean.
+    y = Re sum c_k exp(j k phase), shape (n,); starts: first sample of each period and the end of the last.
+    held: y is held from one sample to the next (a command) and not a sampled curve. c_0 is the mean.
     """
     lengths = np.diff(starts)
     index = np.arange(starts[0], starts[-1])

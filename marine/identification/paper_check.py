@@ -65,17 +65,13 @@ def tables() -> tuple[Table, ...]:
         _least_squares("7.7", printed.TABLE_7_7, "beta_r"),
         _least_squares("7.8", printed.TABLE_7_8, "beta_rr"),
         self_oscillations("7.9", printed.TABLE_7_9, printed.TABLE_7_9_DELAY_S),
-        _spread(
-            "7.9 spread", "7.9", printed.TABLE_7_9, printed.TABLE_7_9_DELAY_S, None, printed.TABLE_7_9_SIGMA_PERCENT
-        ),
+        _spread("7.9", printed.TABLE_7_9, printed.TABLE_7_9_DELAY_S, (), printed.TABLE_7_9_SIGMA_PERCENT),
         step_responses(),
         _step_spread(),
         self_oscillations("7.11", printed.TABLE_7_11, 0.0),
-        _spread(
-            "7.11 spread", "7.11", printed.TABLE_7_11, 0.0, printed.TABLE_7_11_MEAN, printed.TABLE_7_11_SIGMA_PERCENT
-        ),
-        _decisions("7.1 VideoRay", printed.TABLE_7_9, printed.DECISIONS_VIDEORAY),
-        _decisions("7.1 AutoMarine", printed.TABLE_7_11, printed.DECISIONS_AUTOMARINE),
+        _spread("7.11", printed.TABLE_7_11, 0.0, printed.TABLE_7_11_MEAN, printed.TABLE_7_11_SIGMA_PERCENT),
+        _decisions("section 7.1 VideoRay", printed.TABLE_7_9, printed.DECISIONS_VIDEORAY),
+        _decisions("section 7.1 AutoMarine", printed.TABLE_7_11, printed.DECISIONS_AUTOMARINE),
         _charlie(),
     )
 
@@ -187,19 +183,20 @@ def _least_squares(name: str, t: printed.LeastSquaresTable, drag: str) -> Table:
 
 
 def _spread(
-    name: str,
     of: str,
     rows: Sequence[printed.IsoRow],
     delay_s: float,
-    means: tuple[float, float, float] | None,
+    means: tuple[float, ...],
     sigmas: tuple[float, float, float],
 ) -> Table:
     """Return mean (if printed) and spread (ddof = 1) of the parameters that we compute."""
     columns = list(zip(*(yaw_parameters(r, delay_s) for r in rows), strict=True))
     done = [Row("spread %", tuple(_percent(c) for c in columns), sigmas)]
-    if means is not None:
+    if means:
         done.insert(0, Row("mean", tuple(float(np.mean(c)) for c in columns), means))
-    return Table(name, f"over the rows of {of} as we compute them", ("alpha_r", "beta_r", "beta_rr"), tuple(done))
+    return Table(
+        f"{of} spread", f"over the rows of {of} as we compute them", ("alpha_r", "beta_r", "beta_rr"), tuple(done)
+    )
 
 
 def _step_spread() -> Table:

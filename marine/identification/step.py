@@ -42,7 +42,7 @@ def velocity_response(t_s: FloatArray, tau: float, alpha: float, beta: float, dr
 
 
 def position_response(
-    t_s: FloatArray, tau: float, alpha: float, beta: float, drag: Drag, eta_0: float = 0.0
+    t_s: FloatArray, tau: float, alpha: float, beta: float, drag: Drag, *, eta_0: float = 0.0
 ) -> FloatArray:
     """Return eta(t) after a step: thesis (4.42) for constant drag, (4.46) for linear drag (m or rad)."""
     return _travel(t_s, steady_state(tau, beta, drag), time_constant(tau, alpha, beta, drag), eta_0, drag)
@@ -96,7 +96,9 @@ def type_0(
     alpha, beta = from_type_0(tau, nu_ss, T_s, drag)
     residuals = nu - velocity_response(np.asarray(t_s), tau, alpha, beta, drag)
     warnings = _not_steady(t_s, nu, T_s, drag) + saturated(np.array([tau]), tau_limit)
-    return _result("step response, Type 0", drag, axis, (alpha, beta), t_s, residuals, warnings, velocity=True)
+    return _result(
+        "step response, Type 0", drag, axis, (alpha, beta), t=t_s, residuals=residuals, warnings=warnings, velocity=True
+    )
 
 
 def type_1(
@@ -119,10 +121,19 @@ def type_1(
     _require_sign(tau, k_ss)
     alpha, beta = from_type_1(tau, k_ss, eps_v, float(eta[0]), drag)
     require_physical({"alpha": alpha}, "the velocity error has the wrong sign: record from the step on")
-    residuals = eta - position_response(np.asarray(t_s), tau, alpha, beta, drag, float(eta[0]))
+    residuals = eta - position_response(np.asarray(t_s), tau, alpha, beta, drag, eta_0=float(eta[0]))
     T_s = time_constant(tau, alpha, beta, drag)
     warnings = _ends_early(t_s, T_s, drag) + saturated(np.array([tau]), tau_limit)
-    return _result("step response, Type 1", drag, axis, (alpha, beta), t_s, residuals, warnings, velocity=False)
+    return _result(
+        "step response, Type 1",
+        drag,
+        axis,
+        (alpha, beta),
+        t=t_s,
+        residuals=residuals,
+        warnings=warnings,
+        velocity=False,
+    )
 
 
 def fit_response(
@@ -171,9 +182,9 @@ def fit_response(
         drag,
         axis,
         (alpha, beta),
-        t,
-        y - model(t, *best),
-        warnings,
+        t=t,
+        residuals=y - model(t, *best),
+        warnings=warnings,
         velocity=eta is None,
         stds=(alpha * float(spread[0]), beta * float(spread[1])),
     )
@@ -243,9 +254,7 @@ def _ends_early(t: FloatArray, T_s: float, drag: Drag) -> tuple[str, ...]:
     reached = _share_reached(float(t[-1]), T_s, drag)
     if reached >= STEADY:
         return ()
-    return (
-        f"ends at {100.0 * reached:.0f} % of its steady state (below {100.0 * STEADY:.0f} %): drag by formula is biased",
-    )
+    return (f"ends at {100.0 * reached:.0f} % of its steady state below {100.0 * STEADY:.0f} %: formulas are biased",)
 
 
 def _not_steady(t: FloatArray, nu: FloatArray, T_s: float, drag: Drag) -> tuple[str, ...]:
@@ -264,10 +273,10 @@ def _result(
     drag: Drag,
     axis: Axis,
     values: tuple[float, float],
+    *,
     t: FloatArray,
     residuals: FloatArray,
     warnings: tuple[str, ...],
-    *,
     velocity: bool,
     stds: tuple[float, float] = (float("nan"), float("nan")),
 ) -> Identified:

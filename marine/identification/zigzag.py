@@ -49,7 +49,7 @@ def integrals(
     turns = _extrema(smooth, t)
     if len(turns) < 2 + disturbance:
         raise IdentificationError(
-            f"{len(turns)} extrema of the heading are too few: make a zig-zag of at least two turns"
+            f"{len(turns)} extrema of the heading are too few: make a zig-zag of at least three turns"
         )
     peaks = np.interp(turns, t, smooth)
     middle = 0.5 * float(np.mean(peaks[:-1] + peaks[1:])) if reference is None else reference
@@ -115,7 +115,7 @@ def _half_period(tau: FloatArray) -> int:
 
 
 def _zeros(x: FloatArray, t: FloatArray) -> FloatArray:
-    """Return the times of zero crossings of x, by straight lines; crossings closer than a tenth of the median are noise."""
+    """Return the times of zero crossings of x, by straight lines."""
     sign = np.where(x >= 0.0, 1, -1)
     k = np.flatnonzero(np.diff(sign))
     times: FloatArray = t[k] - x[k] * (t[k + 1] - t[k]) / (x[k + 1] - x[k])

@@ -20,9 +20,22 @@ app = typer.Typer(no_args_is_help=True, help="Parameters from measurements.", ri
 Model = Literal["quadratic", "affine", "asymmetric", "quadratic_linear"]
 
 
-@app.callback()
-def _identify() -> None:
+@app.callback(invoke_without_command=True)
+def _identify(
+    context: typer.Context,
+    paper_tables: Annotated[
+        bool, typer.Option("--paper-tables", help="Compute the papers' tables again: ours beside theirs.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
     """Parameters from measurements: a method and its data."""
+    if paper_tables:
+        from services.cli.paper_tables import show
+
+        show(as_json)
+        raise typer.Exit
+    if context.invoked_subcommand is None:
+        raise CliError("say what: a method and its data (starboard identify --help), or --paper-tables")
 
 
 @app.command()
