@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from camera_tracker.config import Colour
-from camera_tracker.detectors.base import Detection, Region, doubtful, worst
+from camera_tracker.detectors.base import GOOD_QUALITY, Detection, Region, doubtful, worst
 from camera_tracker.sources import Image
 from marine.frames import wrap_angle
 
@@ -31,6 +31,8 @@ _MIN_SKEW = 0.1
 """|skewness| below which an outline is as good as symmetric; a triangle has 0.57."""
 _MIN_ELONGATION = 1.15
 _SPACING_TOLERANCE = 0.3
+_STRANGE = 0.04
+_AREA_TOLERANCE = 0.06
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,8 @@ class Patch:
     clipped: bool
     strange: float = 0.0
     """Area of what is neither the patch's colour nor its surroundings' nor a mixture of them, as a part of the patch."""
+    bright: bool = False
+    """Whether that is brighter than both."""
 
 
 def colour_mask(image: Image, colour: Colour) -> Mask:
@@ -145,7 +149,7 @@ def measure_patch(image: Image, labels: NDArray[np.int32], blob: Blob, *, clippe
     way = (pixels - surroundings) @ (axis / contrast**2)
     foreign = np.abs(pixels - surroundings - way[..., None] * axis).max(axis=2)
     typical = float(np.median(foreign[core]))
-    strange = (foreign > max(6.0 * typical, 0.12 * contrast)) & (near > 0) & (label >= 0)
+    strange = (foreign > max(6.0 * typical, 0.12 * contrast)) & (core | ring)
     weight = np.clip(way, -0.5, 1.5)
     weight[core] = 1.0
     weight[(near == 0) | (label < 0)] = 0.0
@@ -153,7 +157,12 @@ def measure_patch(image: Image, labels: NDArray[np.int32], blob: Blob, *, clippe
     if moments["m00"] <= 0:
         return None
     cut_off = clipped or bool(((near > 0) & (label < 0)).any())
-    return replace(_patch(moments, box, contrast, cut_off), strange=float(strange.sum() / max(moments["m00"], 1.0)))
+    count = int(np.count_nonzero(strange))
+    return replace(
+        _patch(moments, box, contrast, cut_off),
+        strange=count / max(moments["m00"], 1.0),
+        bright=count > 0 and float(pixels[strange].min(axis=1).mean()) > float((surroundings + axis).min()),
+    )
 
 
 def _patch(m: dict[str, float], box: Region, contrast: float, clipped: bool) -> Patch:
@@ -193,7 +202,13 @@ def spacing_error(distance_px: float, spacing_px: float | None, size_px: float) 
 
 
 def pose_of_pair(
-    front: Patch, rear: Patch, *, spacing_px: float | None, area_px2: float | None, heading_rad: float
+    front: Patch,
+    rear: Patch,
+    *,
+    spacing_px: float | None,
+    area_px2: float | None,
+    heading_rad: float,
+    plain: bool = True,
 ) -> Detection | None:
     """Return the pose of two patches, or None when they do not fit together: step V."""
     dx, dy = front.x_px - rear.x_px, front.y_px - rear.y_px
@@ -202,7 +217,7 @@ def pose_of_pair(
     error = spacing_error(distance, spacing_px, size)
     if error is None or distance < 1e-6:
         return None
-    checks = _checks([front, rear], area_px2)
+    checks = _checks([front, rear], area_px2, plain=plain)
     if spacing_px is not None:
         checks.append((1.0 - error, "the patches are not as far apart as they should be"))
     quality, reason = worst(checks)
@@ -218,10 +233,10 @@ def pose_of_pair(
     )
 
 
-def pose_of_patch(patch: Patch, *, area_px2: float | None, heading_rad: float) -> Detection:
+def pose_of_patch(patch: Patch, *, area_px2: float | None, heading_rad: float, plain: bool = True) -> Detection:
     """Return the pose of one patch: heading along its long axis to its thin end, ambiguous when both are alike."""
     ambiguous = patch.skew < _MIN_SKEW or patch.elongation < _MIN_ELONGATION
-    quality, reason = worst(_checks([patch], area_px2))
+    quality, reason = worst(_checks([patch], area_px2, plain=plain))
     return Detection(
         x_px=patch.x_px,
         y_px=patch.y_px,
@@ -233,12 +248,21 @@ def pose_of_patch(patch: Patch, *, area_px2: float | None, heading_rad: float) -
     )
 
 
-def _checks(patches: list[Patch], area_px2: float | None) -> list[tuple[float, str]]:
+def _checks(patches: list[Patch], area_px2: float | None, *, plain: bool) -> list[tuple[float, str]]:
+    """Return what speaks against patches. Quality 0.5 is where a pose of ours errs by half a px (benchmarks/tracker.py)."""
     checks = [(min(1.0, p.contrast / _GOOD_CONTRAST), "low contrast") for p in patches]
     checks += [doubtful("out of view: clipped at the edge of the picture") for p in patches if p.clipped]
+    if plain:
+        for p in patches:
+            share = 1.5 - p.strange / _STRANGE
+            reason = "glare" if p.bright else "partly covered"
+            checks.append((min(1.0, share), reason) if share >= GOOD_QUALITY else doubtful(reason))
     if area_px2 is not None:
-        ratios = [p.area_px2 / area_px2 for p in patches]
-        checks += [(min(r, 1.0 / r), f"a patch has {r:.0%} of the area it should have") for r in ratios]
+        for p in patches:
+            ratio = p.area_px2 / area_px2
+            checks.append((min(ratio, 1.0 / ratio), f"a patch has {ratio:.0%} of the area it should have"))
+            if p.strange > 0.0 and abs(ratio - 1.0) > _AREA_TOLERANCE:
+                checks.append(doubtful(f"a patch has {ratio:.0%} of the area it should have"))
     return checks
 
 

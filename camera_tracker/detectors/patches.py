@@ -69,10 +69,20 @@ class PatchDetector(Detector):
         heading_rad = math.radians(vehicle.heading_deg)
         fronts = self._patches(image, region, vehicle.front)
         if vehicle.rear is None:
-            return [c.pose_of_patch(p, area_px2=vehicle.area_px2, heading_rad=heading_rad) for p in fronts]
+            return [
+                c.pose_of_patch(p, area_px2=vehicle.area_px2, heading_rad=heading_rad, plain=vehicle.plain)
+                for p in fronts
+            ]
         rears = self._patches(image, region, vehicle.rear) if fronts else []
         pairs = [
-            c.pose_of_pair(f, r, spacing_px=vehicle.spacing_px, area_px2=vehicle.area_px2, heading_rad=heading_rad)
+            c.pose_of_pair(
+                f,
+                r,
+                spacing_px=vehicle.spacing_px,
+                area_px2=vehicle.area_px2,
+                heading_rad=heading_rad,
+                plain=vehicle.plain,
+            )
             for f in fronts
             for r in rears
         ]

@@ -11,7 +11,7 @@ import typer
 
 from services.cli.errors import CliError
 
-BENCHMARKS = ("chain", "hold", "resources", "memory", "wake", "models")
+BENCHMARKS = ("chain", "hold", "resources", "memory", "wake", "bus", "models")
 
 
 def bench(

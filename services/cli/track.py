@@ -30,10 +30,13 @@ def track(
     source: Annotated[str, typer.Argument(help="Picture, folder, video, /dev/video0 or a number, sim://[DIRECTORY].")],
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     config: Annotated[Path | None, typer.Option(help="TOML file with a [camera_tracker] section.")] = None,
+    markers: Annotated[
+        str | None, typer.Option(help="Find every square marker of a dictionary: 4x4_50, apriltag_36h11, ...")
+    ] = None,
     show: Annotated[Path | None, typer.Option(help="Write a video (.mp4) with the poses drawn in.")] = None,
     frames: Annotated[int | None, typer.Option(min=1, help="Stop after so many frames; a camera has no end.")] = None,
 ) -> None:
-    """Find vehicles by their coloured patches in a recording or a camera; Ctrl-C ends a camera."""
+    """Find vehicles by their markers in a recording or a camera; Ctrl-C ends a camera."""
     import cv2
 
     from camera_tracker.sources import SourceError, open_source
@@ -41,7 +44,7 @@ def track(
     from services.catalog import run_dir
 
     cv2.setNumThreads(1)
-    tracker_config = _read_config(config)
+    tracker_config = _read_config(config, markers)
     tracker = Tracker(tracker_config)
     names = [vehicle.name for vehicle in tracker_config.vehicles]
     results: list[dict[str, Any]] = []
@@ -57,6 +60,7 @@ def track(
                 advance()
     except SourceError as error:
         raise CliError(str(error)) from None
+    names += sorted({pose["name"] for result in results for pose in result["poses"]} - set(names), key=_by_number)
     vehicles = [_summary(name, results) for name in names]
     summary = {"frames": len(results), "skipped": pictures.skipped, "vehicles": vehicles}
     if as_json:
@@ -67,10 +71,14 @@ def track(
         typer.echo(f"starboard: {_HINT}", err=True)
 
 
-def _read_config(path: Path | None) -> CameraTrackerConfig:
+def _read_config(path: Path | None, markers: str | None) -> CameraTrackerConfig:
     from bus.config import ConfigError, parse, read_toml
     from camera_tracker.config import CameraTrackerConfig
 
+    if markers is not None:
+        if path is not None:
+            raise CliError("--markers and --config: give one of them")
+        return parse(CameraTrackerConfig, {"every_marker_of": markers}, Path("--markers"))
     if path is None:
         return CameraTrackerConfig().with_default_marker("vessel", None)
     tables = read_toml(path)
@@ -102,6 +110,10 @@ def _frames(source: Source, limit: int | None) -> Iterator[Frame]:
         source.close()
 
 
+def _by_number(name: str) -> tuple[int, str]:
+    return (int(name) if name.isdecimal() else -1, name)
+
+
 def _pose(name: str, found: Detection) -> dict[str, Any]:
     pose = {
         "name": name,
@@ -114,6 +126,8 @@ def _pose(name: str, found: Detection) -> dict[str, Any]:
         pose["reason"] = found.reason
     if found.heading_ambiguous:
         pose["heading_ambiguous"] = True
+    if found.corners_px:
+        pose["corners_px"] = [[round(x, 3), round(y, 3)] for x, y in found.corners_px]
     return pose
 
 
@@ -192,15 +206,25 @@ def _drawing(path: Path | None, source: Source) -> Iterator[Any]:
 
 
 def _drawn(image: Image, found: dict[str, Detection]) -> Any:
-    """Return a copy with position (green circle) and heading (blue line), as in thesis Fig. 3.15(b)."""
+    """Return a copy with position (circle), heading (blue line), as in thesis Fig. 3.15(b), region, quality and reason.
+
+    The circle is green for a good pose and red for a doubtful one.
+    """
     import cv2
+
+    from camera_tracker.detectors.base import GOOD_QUALITY
 
     copy = image.copy()
     for name, pose in found.items():
         middle = (round(pose.x_px), round(pose.y_px))
         ahead = 1.5 * pose.extent_px
         tip = (round(pose.x_px + ahead * math.cos(pose.psi_rad)), round(pose.y_px + ahead * math.sin(pose.psi_rad)))
+        colour = (0, 255, 0) if pose.quality >= GOOD_QUALITY else (0, 0, 255)
+        if (region := pose.region) is not None:
+            cv2.rectangle(copy, (region.x0, region.y0), (region.x1 - 1, region.y1 - 1), (200, 200, 200), 1)
         cv2.line(copy, middle, tip, (255, 80, 0), 2, cv2.LINE_AA)
-        cv2.circle(copy, middle, 4, (0, 255, 0), 2, cv2.LINE_AA)
-        cv2.putText(copy, name, (middle[0] + 8, middle[1] - 8), cv2.FONT_HERSHEY_SIMPLEX, 0.4, (255, 255, 255), 1)
+        cv2.circle(copy, middle, 4, colour, 2, cv2.LINE_AA)
+        text = f"{name} {pose.quality:.2f} {pose.reason}" + (" front?" if pose.heading_ambiguous else "")
+        at = (middle[0] + 8, middle[1] - 8)
+        cv2.putText(copy, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.4, (255, 255, 255), 1)
     return copy
