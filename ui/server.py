@@ -21,6 +21,7 @@ from bus.messages import HelmAnswer, Message
 from bus.service import Output, RawInput, Service, first_line
 from bus.topics import Qos, Topic
 from bus.units import unit_of
+from marine.actuators import Drive
 from marine.vessel import Vessel
 from ui.session import Update
 
@@ -176,7 +177,7 @@ def system_document(vessel: Vessel, title: str = "") -> dict[str, Any]:
         "radius_m": vessel.radius_m,
         "pool": dataclasses.asdict(vessel.pool),
         "camera": dataclasses.asdict(vessel.camera),
-        "thrusters": [dataclasses.asdict(t) for t in vessel.thrusters],
+        "thrusters": [dataclasses.asdict(t) | {"max_n": Drive(t).upper} for t in vessel.thrusters],
         "axes": ["surge", "sway", "yaw"],
         "services": sorted(publishers - {"*", topics.OPERATOR}),
     }

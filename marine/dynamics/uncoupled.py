@@ -65,6 +65,13 @@ class UncoupledModel:
         """Return the state dt_s later by one Runge-Kutta step with constant inputs; psi is not wrapped."""
         return rk4(lambda s: self.derivative(s, tau, current_m_s, disturbance), state, dt_s)
 
+    def heave_acceleration(self, w_m_s: float, Z_n: float, disturbance_n: float = 0.0) -> float:
+        """Return w' in m/s^2, thesis (2.31) with W - B; raise ValueError for a vessel that does not dive."""
+        heave = self.model.heave
+        if heave is None:
+            raise ValueError("the vessel has no heave")
+        return (Z_n + disturbance_n + self.model.net_weight_n - heave.drag(w_m_s)) / heave.alpha
+
     def kinetic_energy(self, state: State) -> float:
         """Return the kinetic energy in J, of the water that moves along included."""
         _, _, _, u, v, r = state

@@ -238,7 +238,7 @@ export class PoolMap {
   drawPush(c, { x_m, y_m, disturbance_x_n: fx, disturbance_y_n: fy }) {
     const force = Math.hypot(fx ?? 0, fy ?? 0);
     if (force < 0.005) return;
-    const strongest = Math.max(...this.system.thrusters.map((t) => t.k_t * t.n_max ** 2));
+    const strongest = Math.max(...this.system.thrusters.map((t) => t.max_n));
     const length = this.scale * this.system.radius_m * (0.8 + 2 * Math.sqrt(Math.min(1, force / strongest)));
     const angle = Math.atan2(fy, fx);
     const [x, y] = [this.px(x_m), this.py(y_m)];

@@ -1,0 +1,67 @@
+"""`starboard vessels`: what vessels there are and what each can do."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import Annotated, Any
+
+import typer
+
+
+def vessels(
+    name: Annotated[
+        str | None, typer.Argument(help="A name in config/vessels or a file; all vessels without it.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+) -> None:
+    """Print the vessels: degrees of freedom they control, actuators, sensors, sources."""
+    from services.vessels import known_vessels, load_vessel
+
+    documents = [_document(load_vessel(each)) for each in ([name] if name else known_vessels())]
+    if as_json:
+        typer.echo(json.dumps({"vessels": documents}, indent=2))
+        return
+    for document in documents:
+        typer.echo(_text(document))
+
+
+def _document(vessel: Any) -> dict[str, Any]:
+    from marine.vessel import AXES
+    from services.vessels import controllable
+
+    return {
+        "name": vessel.name,
+        "title": vessel.title,
+        "model": _words(type(vessel.dynamics).__name__.removesuffix("Model")),
+        "controlled": list(vessel.controlled),
+        "rank": controllable(vessel.actuators),
+        "acted_on": [axis for i, axis in enumerate(AXES) if any(abs(a.column[i]) > 1e-9 for a in vessel.actuators)],
+        "actuators": [_actuator(a) for a in vessel.actuators],
+        "sensors": [dataclasses.asdict(s) for s in vessel.sensors],
+        "sources": list(vessel.sources),
+    }
+
+
+def _actuator(actuator: Any) -> dict[str, Any]:
+    shape = getattr(actuator, "characteristic", actuator)
+    kind = _words(type(shape).__name__.removesuffix("Thrust"))
+    return {"kind": kind, **dataclasses.asdict(actuator)}
+
+
+def _words(name: str) -> str:
+    return "".join(f" {c.lower()}" if c.isupper() else c for c in name).strip()
+
+
+def _text(document: dict[str, Any]) -> str:
+    actuators = ", ".join(f"{a['name']} ({a['kind']})" for a in document["actuators"])
+    sensors = ", ".join(f"{s['kind']} {s['sample_time_s']:.3g} s" for s in document["sensors"])
+    lines = [
+        f"{document['name']}: {document['title']}",
+        f"  controls   {' '.join(document['controlled'])}; allocation of rank {document['rank']}",
+        f"  model      {document['model']}",
+        f"  actuators  {actuators}",
+        f"  sensors    {sensors}",
+        *(f"  source     {source}" for source in document["sources"]),
+    ]
+    return "\n".join(lines)
