@@ -33,9 +33,10 @@ COMMANDS = {
     "graph": "services.cli.graph:graph",
     "mode": "services.cli.mode:mode",
     "track": "services.cli.track:track",
+    "vessels": "services.cli.vessels:vessels",
     "bench": "services.cli.bench:bench",
 }
-GROUPS = {"log": "services.cli.log:app"}
+GROUPS = {"identify": "services.cli.identify:app", "log": "services.cli.log:app", "camera": "services.cli.camera:app"}
 
 
 def _load(target: str) -> object:
