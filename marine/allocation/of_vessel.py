@@ -13,7 +13,7 @@ from marine.actuators.rudder import linear_force
 from marine.allocation.bounded import DEFAULT_PRIORITY, Allocation
 from marine.allocation.geometry import Array, Wrench, allocation_matrix, axis_indices
 from marine.allocation.steering import Steering
-from marine.vessel import AXES, QuadraticThrust, Rudder, Thruster, Vessel
+from marine.vessel import AXES, Actuator, QuadraticThrust, Rudder, Thruster, Vessel
 
 _X, _N = 0, 5
 
@@ -37,16 +37,16 @@ class FixedActuators:
         keep_direction: bool = False,
     ) -> None:
         """priority: see Allocation; failed: names of actuators. Raise ValueError when nothing is left to control."""
-        self._actuators = [a for a in vessel.actuators if not isinstance(a, Rudder)]
-        self._drives = [Drive(a) for a in self._actuators]
+        self.actuators = [a for a in vessel.actuators if not isinstance(a, Rudder)]
+        self._drives = [Drive(a) for a in self.actuators]
         lower, upper = limits(self._drives)
         self.allocation = Allocation(
-            allocation_matrix(self._actuators),
+            allocation_matrix(self.actuators),
             lower,
             upper,
             axes=axis_indices(vessel.controlled),
             priority=priority,
-            failed=[i for i, a in enumerate(self._actuators) if a.name in failed],
+            failed=[i for i, a in enumerate(self.actuators) if a.name in failed],
             keep_direction=keep_direction,
         )
         self.axes = self.allocation.axes
@@ -56,7 +56,7 @@ class FixedActuators:
         """What all actuators together could do on each of the six axes; 0.0 where none acts."""
         self.acting = tuple(axis for axis, reach in enumerate(self.reach) if reach > 0.0)
         """Components on which any actuator acts, controlled or not."""
-        self._rates = [a.rate_per_s for a in self._actuators]
+        self._rates = [a.rate_per_s for a in self.actuators]
         self._rate_limited = any(rate is not None for rate in self._rates)
         self._moving = any(drive.at(1.0) is not drive for drive in self._drives)
         self._before = [0.0] * len(self._drives)
@@ -131,6 +131,8 @@ class SteeredPropellers:
         )
         self._drives = {p.name: Drive(p) for p in self._propellers}
         self._failed = frozenset(failed)
+        self._rudder_rate, self._propeller_rate = _slowest(steering), _slowest(working)
+        self._n = self._delta = 0.0
         self._yaw_priority = priority.get(_N, 1.0)
         self.axes = (_X, _N)
         self.acting = (_X, 1, _N)
@@ -139,13 +141,15 @@ class SteeredPropellers:
 
     def solve(self, tau: Sequence[float], U: float = 0.0, dt_s: float = math.inf) -> Answer:
         """Return commands for X in N and N in Nm of a wrench [X Y Z K M N] at speed U in m/s."""
-        thrust, delta = self._steering.solve(tau[_X], tau[_N], U, self._yaw_priority)
-        n = self._curve.command(thrust)
-        commands = [self._command(a, n, delta) for a in self._actuators]
-        X, Y, N = self._steering.forces(thrust, delta, U)
+        turn, spin = _step(self._rudder_rate, dt_s), _step(self._propeller_rate, dt_s)
+        angles = self._delta - turn, self._delta + turn
+        thrust, self._delta = self._steering.solve(tau[_X], tau[_N], U, yaw_priority=self._yaw_priority, angles=angles)
+        self._n = max(self._n - spin, min(self._n + spin, self._curve.command(thrust)))
+        commands = [self._command(a, self._n, self._delta) for a in self._actuators]
+        X, Y, N = self._steering.forces(self._curve.thrust(self._n), self._delta, U)
         return Answer(commands, (X, Y, 0.0, 0.0, 0.0, N))
 
-    def _command(self, actuator: object, n: float, delta: float) -> float:
+    def _command(self, actuator: Actuator, n: float, delta: float) -> float:
         if isinstance(actuator, Rudder):
             return 0.0 if actuator.name in self._failed else delta
         assert isinstance(actuator, Thruster)
@@ -154,6 +158,7 @@ class SteeredPropellers:
 
     def stop(self) -> list[float]:
         """Return the commands that stop everything."""
+        self._n = self._delta = 0.0
         return [0.0] * len(self._actuators)
 
     def delivered(self, commands: Sequence[float], U: float = 0.0) -> Wrench:
@@ -210,6 +215,14 @@ def axis_limits(vessel: Vessel) -> Wrench:
 def limits(drives: Sequence[Drive]) -> tuple[Array, Array]:
     """Return the thrusts in N at the most negative and the largest commands."""
     return np.array([d.lower for d in drives]), np.array([d.upper for d in drives])
+
+
+def _slowest(actuators: Sequence[Actuator]) -> float:
+    return min((a.rate_per_s for a in actuators if a.rate_per_s is not None), default=math.inf)
+
+
+def _step(rate_per_s: float, dt_s: float) -> float:
+    return math.inf if math.inf in (rate_per_s, dt_s) else rate_per_s * max(0.0, dt_s)
 
 
 def _k_t(propeller: Thruster) -> float:

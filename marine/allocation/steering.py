@@ -43,22 +43,34 @@ class Steering:
         Y = -rudder * math.cos(delta)
         return thrust_n - rudder * math.sin(delta), Y, -self.lever_m * Y
 
-    def solve(self, X: float, N: float, U: float = 0.0, yaw_priority: float = 10.0) -> tuple[float, float]:
+    def solve(
+        self,
+        X: float,
+        N: float,
+        U: float = 0.0,
+        *,
+        yaw_priority: float = 10.0,
+        angles: tuple[float, float] = (-math.inf, math.inf),
+    ) -> tuple[float, float]:
         """Return (thrust in N, rudder angle in rad) for a surge force in N and a yaw moment in Nm.
 
         The nearest that the limits allow; the error of each axis counts relative to what the vessel can do there at
-        speed U, yaw by its priority. Without flow a rudder does nothing: to turn on the spot it has to push ahead.
+        speed U, yaw by its priority. angles: where the rudder can be at this moment, by its rate.
+        Without flow a rudder does nothing: to turn on the spot it has to push ahead.
         For each angle the best thrust is a formula, so the whole range of angles is searched and no start is guessed.
         """
         most = abs(self.forces(self.upper, self.delta_max, U)[2])
-        if N == 0.0 or most == 0.0:
-            return max(self.lower, min(self.upper, X)), 0.0
+        rest = max(angles[0], min(angles[1], 0.0))
+        if most == 0.0:
+            return max(self.lower, min(self.upper, X)), rest
         weights = 1.0 / max(self.upper, -self.lower), yaw_priority / most
-        side = math.copysign(1.0, N * self.lever_m)
-        angles = side * np.linspace(0.0, self.delta_max, _GRID)
-        costs = [self._best(X, N, U, delta, weights)[0] for delta in angles.tolist()]
-        best = int(np.argmin(costs))
-        low, high = float(angles[max(0, best - 1)]), float(angles[min(_GRID - 1, best + 1)])
+        low, high = sorted((0.0, math.copysign(self.delta_max, N * self.lever_m) if N else 0.0))
+        low, high = max(low, angles[0]), min(high, angles[1])
+        if low > high:  # it cannot get to that side yet
+            low = high = rest
+        grid = np.linspace(low, high, _GRID if low < high else 1)
+        best = int(np.argmin([self._best(X, N, U, delta, weights)[0] for delta in grid.tolist()]))
+        low, high = float(grid[max(0, best - 1)]), float(grid[min(len(grid) - 1, best + 1)])
         for _ in range(_REFINEMENTS):
             a, b = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
             if self._best(X, N, U, a, weights)[0] <= self._best(X, N, U, b, weights)[0]:
