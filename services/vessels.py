@@ -5,6 +5,7 @@ The tables of a file are in `services.vessel_file`; here they are put together a
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,8 @@ from services.vessel_file import SmallVessel, VesselFile
 
 VESSELS_DIR = Path(__file__).parent.parent / "config" / "vessels"
 
+_KIND_IN_KEY = re.compile(r": (model|actuator\.\d+)\.[a-z_]+\.")
+"""pydantic puts the kind of a table into the key; the file does not."""
 _MAP_WIDTH_PX = 800
 _MAP_RATE_HZ = 10.0
 
@@ -39,7 +42,10 @@ def vessel_path(name: str) -> Path:
 def load_vessel(name: str) -> v.Vessel:
     """Return a vessel in SI, given by name or path; raise ConfigError with file, key and reason."""
     path = vessel_path(name)
-    file = parse(VesselFile, read_toml(path), path)
+    try:
+        file = parse(VesselFile, read_toml(path), path)
+    except ConfigError as error:
+        raise ConfigError(_KIND_IN_KEY.sub(r": \1.", str(error))) from None
     try:
         return _vessel(path.stem, file)
     except _RefusedError as refused:
@@ -119,9 +125,7 @@ def _dynamics(file: VesselFile, actuators: tuple[v.Actuator, ...]) -> v.Dynamics
         return file.model.in_si(file.units)
     moment_nm = sum(a.column[5] * a.k_r2 for a in actuators if isinstance(a, v.Rudder))
     if moment_nm <= 0.0:
-        raise _RefusedError(
-            "model: a small_vessel needs rudders astern with k_r2 > 0: the unit of its yaw"
-        )
+        raise _RefusedError("model: a small_vessel needs rudders astern with k_r2 > 0: the unit of its yaw")
     return file.model.in_si(file.units, moment_nm)
 
 

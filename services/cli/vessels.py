@@ -8,6 +8,24 @@ from typing import Annotated, Any
 
 import typer
 
+MODELS = {
+    "HorizontalModel": "uncoupled",
+    "CoupledModel": "coupled",
+    "SixDofModel": "six_dof",
+    "SmallVesselModel": "small_vessel",
+    "AsvModel": "asv",
+}
+"""How a vessel file calls what marine.vessel makes of it."""
+ACTUATORS = {
+    "QuadraticThrust": "quadratic",
+    "AffineThrust": "affine",
+    "AsymmetricThrust": "asymmetric",
+    "QuadraticLinearThrust": "quadratic_linear",
+    "BilinearThrust": "bilinear",
+    "Rudder": "rudder",
+    "Direct": "direct",
+}
+
 
 def vessels(
     name: Annotated[
@@ -27,16 +45,14 @@ def vessels(
 
 
 def _document(vessel: Any) -> dict[str, Any]:
-    from marine.vessel import AXES
     from services.vessels import controllable
 
     return {
         "name": vessel.name,
         "title": vessel.title,
-        "model": _words(type(vessel.dynamics).__name__.removesuffix("Model")),
+        "model": MODELS[type(vessel.dynamics).__name__],
         "controlled": list(vessel.controlled),
         "rank": controllable(vessel.actuators),
-        "acted_on": [axis for i, axis in enumerate(AXES) if any(abs(a.column[i]) > 1e-9 for a in vessel.actuators)],
         "actuators": [_actuator(a) for a in vessel.actuators],
         "sensors": [dataclasses.asdict(s) for s in vessel.sensors],
         "sources": list(vessel.sources),
@@ -45,12 +61,7 @@ def _document(vessel: Any) -> dict[str, Any]:
 
 def _actuator(actuator: Any) -> dict[str, Any]:
     shape = getattr(actuator, "characteristic", actuator)
-    kind = _words(type(shape).__name__.removesuffix("Thrust"))
-    return {"kind": kind, **dataclasses.asdict(actuator)}
-
-
-def _words(name: str) -> str:
-    return "".join(f" {c.lower()}" if c.isupper() else c for c in name).strip()
+    return {"kind": ACTUATORS[type(shape).__name__], **dataclasses.asdict(actuator)}
 
 
 def _text(document: dict[str, Any]) -> str:

@@ -81,7 +81,7 @@ def test_port_and_starboard_mirror_each_other_and_damping_brakes(U: float, r: fl
 
 def test_a_step_agrees_with_an_exact_integration() -> None:
     exact = solve_ivp(
-        lambda _t, s: np.array(ASV.derivative(tuple(s), 0.5, 0.4)),
+        lambda _t, s: np.array(ASV.derivative((s[0], s[1], s[2], s[3], s[4]), 0.5, 0.4)),
         (0.0, 20.0),
         list(REST),
         method="DOP853",

@@ -46,7 +46,8 @@ def test_a_thousand_vessels_for_a_minute_and_one_alone_take_no_longer_than_promi
         one = single.step(one, 0.05, (1.0, 0.1, 0.1))
     alone = time.process_time() - start
     exact = solve_ivp(
-        lambda _t, s: np.array(single.derivative(tuple(s), (1.0, 0.1, 0.1))), (0.0, 60.0), [0.0] * 6,
+        lambda _t, s: np.array(single.derivative((s[0], s[1], s[2], s[3], s[4], s[5]), (1.0, 0.1, 0.1))),
+        (0.0, 60.0), [0.0] * 6,
         method="DOP853", rtol=1e-11, atol=1e-12,
     ).y[:, -1]  # fmt: skip
     assert one == pytest.approx(exact, abs=1e-6)
