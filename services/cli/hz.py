@@ -103,7 +103,8 @@ def _print(rows: list[dict[str, Any]]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table("key")
+    table = Table()
+    table.add_column("key", no_wrap=True)
     for name in ("messages", "rate Hz", "declared", "jitter ms", "shortest ms", "longest ms", "gaps", "kB/s"):
         table.add_column(name, justify="right")
     for row in rows:
@@ -113,5 +114,5 @@ def _print(rows: list[dict[str, Any]]) -> None:
         kilobytes = f"{row['bytes_s'] / 1000:.1f}"
         table.add_row(row["key"], str(row["messages"]), *cells, str(row["gaps"]), kilobytes, style=style)
     console = Console()
-    console.width = max(console.width, 110)
+    console.width = max(console.width, 130)
     console.print(table)
