@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+
+from services.cli.errors import CliError
 
 MODELS = {
     "HorizontalModel": "uncoupled",
@@ -32,10 +35,19 @@ def vessels(
         str | None, typer.Argument(help="A name in config/vessels or a file; all vessels without it.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw what the vessel can do on each pair of axes into this SVG file.")
+    ] = None,
 ) -> None:
     """Print the vessels: degrees of freedom they control, actuators, sensors, sources."""
     from services.vessels import known_vessels, load_vessel
 
+    if plot is not None:
+        from services.cli.attainable_plot import draw_attainable
+
+        if name is None:
+            raise CliError("--plot needs one vessel: starboard vessels NAME --plot FILE.svg")
+        draw_attainable(load_vessel(name), plot)
     documents = [_document(load_vessel(each)) for each in ([name] if name else known_vessels())]
     if as_json:
         typer.echo(json.dumps({"vessels": documents}, indent=2))
