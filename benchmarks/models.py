@@ -1,4 +1,4 @@
-"""The mathematics: how long one allocation takes, from a wrench to whole commands for four thrusters with limits."""
+"""The mathematics: one allocation, from a wrench to whole commands for four thrusters with limits; simulation."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from benchmarks import dynamics
 from benchmarks.result import Result, percentile
 from marine.allocation import vessel_allocation
 from marine.allocation.of_vessel import FixedActuators
@@ -19,7 +20,7 @@ Demands = list[tuple[float, ...]]
 
 
 def measure() -> list[Result]:
-    """Return medians over random wrenches: half can be attained and half are beyond the limits; and each half."""
+    """Return medians over random wrenches (half attainable, half beyond the limits; and each half) and of simulation."""
     allocation = vessel_allocation(load_vessel("pladypos"))
     assert isinstance(allocation, FixedActuators)
     inside, outside = _wrenches(allocation)
@@ -34,6 +35,7 @@ def measure() -> list[Result]:
         ),
         Result("allocation_attainable_p50_us", _median_us(allocation.solve, inside)),
         Result("allocation_beyond_limits_p50_us", _median_us(allocation.solve, outside)),
+        *dynamics.results(),
     ]
 
 
