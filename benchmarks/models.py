@@ -20,7 +20,7 @@ Demands = list[tuple[float, ...]]
 
 
 def measure() -> list[Result]:
-    """Return medians over random wrenches (half attainable, half beyond the limits; and each half) and of simulation."""
+    """Return medians of allocation over random wrenches, half of them beyond the limits, and of simulation."""
     allocation = vessel_allocation(load_vessel("pladypos"))
     assert isinstance(allocation, FixedActuators)
     inside, outside = _wrenches(allocation)
