@@ -69,6 +69,34 @@ def body_velocities(poses: Array, window: int, order: int, step_s: float) -> Arr
     return np.stack([c * x_rate + s * y_rate, -s * x_rate + c * y_rate, r])
 
 
+def recorded_velocities(times_s: Array, poses: Array, window: int, order: int, *, causal: bool = False) -> Array:
+    """Return [u v r] (3, n) of recorded poses [x y psi] (3, n), which need not come evenly, thesis Algorithm 3.2 VI.
+
+    Centred windows, cut at the ends; causal: as `CausalVelocities` gave them live. Across a gap of five samples and
+    more nothing is fitted: pieces that are shorter than the window give NaN. Raises ValueError when the times do not
+    rise or the window does not fit the order.
+    """
+    steps = np.diff(times_s)
+    if not 1 <= order < window or (len(steps) and float(steps.min()) <= 0.0):
+        raise ValueError("times must rise, and the window be longer than the order")
+    result = np.full((3, len(times_s)), np.nan)
+    gaps = np.flatnonzero(steps > 5.0 * (np.median(steps) if len(steps) else 0.0)) + 1
+    for piece in np.split(np.arange(len(times_s)), gaps):
+        if len(piece) < window:
+            continue
+        unwrapped = np.vstack([poses[:2, piece], np.unwrap(poses[2, piece])])
+        for i, at in enumerate(piece):
+            first = min(max(i - window + 1 if causal else i - window // 2, 0), len(piece) - window)
+            if causal and i < window - 1:
+                continue
+            near = slice(first, first + window)
+            offsets = times_s[piece[near]] - times_s[at]
+            rates = unwrapped[:, near] @ polynomial_weights(offsets, order, 1)
+            psi = unwrapped[2, near] @ polynomial_weights(offsets, order, 0)
+            result[:, at] = (*to_body(float(rates[0]), float(rates[1]), float(psi)), rates[2])
+    return result
+
+
 class CausalVelocities:
     """Body velocities from the last poses: the causal filter, for poses that need not come evenly."""
 

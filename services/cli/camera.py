@@ -10,6 +10,7 @@ import typer
 
 from services.cli import laser
 from services.cli.errors import CliError
+from services.cli.speeds import speeds
 
 if TYPE_CHECKING:
     from camera_tracker.boards import Board
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, help="Print, calibrate and place cameras.", rich_markup_mode=None)
 app.add_typer(laser.app, name="laser")
+app.command("speeds")(speeds)
 
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 Squares = Annotated[str, typer.Option(help="Columns x rows of squares of the board that print-board made.")]
