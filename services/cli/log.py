@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from services.cli.errors import CliError
+from services.cli.replay import replay
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from logs.reader import Recording
 
 app = typer.Typer(no_args_is_help=True, help="Look into recordings, repair them.", rich_markup_mode=None)
+app.command()(replay)
 
 File = Annotated[Path, typer.Argument(help="An MCAP recording.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
