@@ -31,6 +31,7 @@ class Crew:
 
     def __init__(self) -> None:
         self._running: list[subprocess.Popen[str]] = []
+        self._roles: dict[int, str] = {}
 
     def start(self, role: str, **arguments: Any) -> subprocess.Popen[str]:
         """Start one and return it."""
@@ -39,6 +40,7 @@ class Crew:
             cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         )  # fmt: skip
         self._running.append(process)
+        self._roles[process.pid] = role
         return process
 
     def values(self, process: subprocess.Popen[str], timeout_s: float = 60.0) -> list[float]:
@@ -47,7 +49,7 @@ class Crew:
             line, _ = process.communicate(timeout=timeout_s)
             values: list[float] = json.loads(line)
         except (subprocess.TimeoutExpired, ValueError):
-            raise NotMeasured(f"{process.args[3]} gave no figures") from None  # type: ignore[index]
+            raise NotMeasured(f"{self._roles[process.pid]} gave no figures") from None
         return values
 
     def __enter__(self) -> Crew:

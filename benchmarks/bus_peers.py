@@ -90,7 +90,7 @@ class Flood(Service):
         self._left = count
 
     def step(self, now_s: float) -> None:
-        batch = min(200, self._left) if self.reader.latest is not None else 0
+        batch = min(2000, self._left) if self.reader.latest is not None else 0
         for _ in range(batch):
             self.flood.publish(MESSAGE)
         self._left -= batch

@@ -59,7 +59,7 @@ def test_at_most_one_in_an_interval_and_the_last_of_a_burst_arrives() -> None:
 def test_on_change_only_the_content_counts_and_stays_fresh() -> None:
     bus, reader = on_bus(json=True)
     for state in ("connected", "connected", "disconnected", "disconnected", "connected"):
-        bus.publish(topics.LINK_STATUS, LinkStatus(state=state))  # type: ignore[arg-type]
+        bus.publish(topics.LINK_STATUS, LinkStatus(state=state))
         bus.run_for(0.1)
     assert reader.states == ["connected", "disconnected", "connected"]
     assert len(reader.steps) == 1 + 3
@@ -125,7 +125,7 @@ def test_a_clock_set_back_does_not_hold_an_input_for_ever() -> None:
 
 
 def test_what_is_too_large_is_malformed_without_being_parsed() -> None:
-    port: Input[Message] = Input(topics.CONTROL_WRENCH)  # type: ignore[arg-type]
+    port: Input[Message] = Input(topics.CONTROL_WRENCH)
     port.offer(b" " * MAX_PAYLOAD_BYTES + b"{}")
     port.refresh()
     assert port.malformed == 1
