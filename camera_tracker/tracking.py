@@ -132,7 +132,9 @@ class Tracker:
         for name, pose in found.items():
             before = self._tracks.get(name)
             start = (pose.x_px, pose.y_px)
-            if before is None or not before.seen or stamp_ns <= before.stamp_ns:
+            if pose.several:
+                continue
+            if before is None or not before.seen or pose.region is None or stamp_ns <= before.stamp_ns:
                 track = _Track(pose, stamp_ns, start=start)
             else:
                 rate = 1e9 / (stamp_ns - before.stamp_ns)
@@ -142,10 +144,10 @@ class Tracker:
                     stamp_ns,
                     (pose.x_px - p.x_px) * rate,
                     (pose.y_px - p.y_px) * rate,
-                    wrap_angle(pose.psi_rad - p.psi_rad) * rate,
+                    0.0 if abs(turn := wrap_angle(pose.psi_rad - p.psi_rad)) > 1.0 else turn * rate,
                     before.start if pose.heading_ambiguous else start,
                 )
-            tracks[name] = replace(track, seen=not pose.several)
+            tracks[name] = track
         self._tracks = tracks
 
 

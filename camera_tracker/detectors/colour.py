@@ -31,6 +31,8 @@ _MIN_SKEW = 0.1
 """|skewness| below which an outline is as good as symmetric; a triangle has 0.57."""
 _MIN_ELONGATION = 1.15
 _SPACING_TOLERANCE = 0.3
+_SPACING_DOUBT = 0.15
+"""Where sizes are known, a spacing that is off by this part of the tolerance (5 %) shows motion blur or a cover."""
 _STRANGE = 0.04
 _AREA_TOLERANCE = 0.06
 
@@ -219,7 +221,8 @@ def pose_of_pair(
         return None
     checks = _checks([front, rear], area_px2, plain=plain)
     if spacing_px is not None:
-        checks.append((1.0 - error, "the patches are not as far apart as they should be"))
+        apart = "the patches are not as far apart as they should be"
+        checks.append((1.0 - error, apart) if area_px2 is None or error < _SPACING_DOUBT else doubtful(apart))
     quality, reason = worst(checks)
     return Detection(
         x_px=0.5 * (front.x_px + rear.x_px),

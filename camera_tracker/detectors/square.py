@@ -43,6 +43,8 @@ _REACH_MODULES = 0.75
 _GOOD_CONTRAST = 40.0
 _BENT_PX = 0.15
 """An edge that is bent by this much is not seen as it is; then the pose errs by up to 0.3 px (benchmarks/tracker.py)."""
+_BOW = 0.02
+"""Lens and paper may bend an edge by this part of a module."""
 _WRONG_MODULE = 0.25
 """A module that differs from what the code says by this part of the contrast is covered or shone upon."""
 
@@ -179,7 +181,8 @@ class SquareDetector(Detector):
         self, grey: NDArray[np.float32], region: Region, corners: Floats, image: Image
     ) -> tuple[str, Detection] | None:
         """Fit and read a marker near corners (px of the region); None when there is none that is known."""
-        module_px = math.sqrt(abs(_area(corners))) / (self._code.size + 2)
+        sides = np.hypot(*(corners[[1, 2, 3, 0]] - corners).T)
+        module_px = float(min(sides[0] + sides[2], sides[1] + sides[3])) / (2 * self._code.size + 4)
         outline = fit_outline(grey, corners, min(max(_REACH_MODULES * module_px, 2.0), 9.0))
         if outline is None:
             return None
@@ -283,7 +286,7 @@ def _checks(
         (min(1.0, float(outline.contrast.min()) / _GOOD_CONTRAST), "low contrast"),
         (_or_doubt(2.0 * inliers - 0.8), covered),
         (_or_doubt(1.0 - 6.0 * reading.covered), covered),
-        (_or_doubt(1.5 - outline.bent_px / _BENT_PX), f"{covered}: the edges are not straight"),
+        (_or_doubt(1.5 - outline.bent_px / max(_BENT_PX, _BOW * module_px)), f"{covered}: the edges are not straight"),
         (_or_doubt(1.2 - 2.0 * std_px), "noise"),
         (_or_doubt(1.7 - 1.5 * blur), "blurred"),
         (1.0 - 0.2 * reading.wrong_bits, f"{reading.wrong_bits} wrong bits"),

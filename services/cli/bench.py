@@ -11,7 +11,7 @@ import typer
 
 from services.cli.errors import CliError
 
-BENCHMARKS = ("chain", "hold", "resources", "memory", "wake", "bus", "models")
+BENCHMARKS = ("chain", "hold", "resources", "memory", "wake", "bus", "models", "tracker")
 
 
 def bench(
