@@ -178,7 +178,8 @@ def svg(nodes: list[Node], title: str) -> str:
     """Return the star as a picture: the hub in the middle, a card for each client around it."""
     cards, (hub_x, hub_y), (width, height) = layout(nodes)
     parts = [
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height:.0f}" width="{width:.0f}" height="{height:.0f}">',
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height:.0f}" '
+        f'width="{width:.0f}" height="{height:.0f}">',
         f"<title>{escape(title)}</title><style>{_STYLE}</style>",
         _marker("sends", "#b3421d") + _marker("gets", "#1d5fb3"),
         f'<rect width="{width:.0f}" height="{height:.0f}" fill="#ffffff"/>',
