@@ -90,7 +90,7 @@ class CameraTracker(Service):
             source.offer(image)
         elif self.feed.latest is not None:
             age_s = now_s - self.feed.latest.stamp_ns / NS
-            self._error = f"{source.uri}: pictures are {age_s:.1f} s old: are the machines' clocks alike?"
+            source.note = f"{source.uri}: pictures are {age_s:.1f} s old: are the machines' clocks alike?"
 
     def _open(self, now_s: float) -> None:
         self._retry_s = now_s + RETRY_S
@@ -128,7 +128,8 @@ class CameraTracker(Service):
             self._retry_s = now_s + RETRY_S
             self._lose(f"{self._source.uri}: the recording has ended; it starts again")
         elif now_s - self._last_frame_s > SILENCE_S:
-            self._error, self._visible = f"{self._source.uri}: no frame for {SILENCE_S:.0f} s", False
+            silence = f"{self._source.uri}: no frame for {SILENCE_S:.0f} s"
+            self._error, self._visible = self._source.note or silence, False
         return frame
 
     def _take(self, frame: Frame, now_s: float) -> None:

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from camera_tracker.calibration import Array, Lens
 from camera_tracker.sources import Image
 
-LENS = Lens.of((800, 600), np.array([620.0, 624.0, 405.0, 296.0, -0.22, 0.06, 0.0008, -0.0006, 0.0]), np.zeros((9, 9)), 0.0)
+LENS = Lens.of(
+    (800, 600), np.array([620.0, 624.0, 405.0, 296.0, -0.22, 0.06, 0.0008, -0.0006, 0.0]), np.zeros((9, 9)), 0.0
+)
 
 
 def sheet_picture(pdf: Path, px_per_mm: float) -> Image:

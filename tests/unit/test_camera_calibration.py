@@ -49,7 +49,9 @@ def test_real_photos_are_explained_within_half_a_pixel(tmp_path: Path) -> None:
     if not PHOTOS.is_dir():
         pytest.skip(f"{PHOTOS} is absent")
     out = tmp_path / "camera.json"
-    found = json.loads(run("calibrate", str(PHOTOS), "--chessboard", "9x6", "--square-mm", "25", "--out", str(out), "--json"))
+    found = json.loads(
+        run("calibrate", str(PHOTOS), "--chessboard", "9x6", "--square-mm", "25", "--out", str(out), "--json")
+    )
     assert found["lens"]["rms_px"] <= 0.25
     assert len(found["views_px"]) == 5
     assert max(found["views_px"].values()) <= 0.5
@@ -124,7 +126,10 @@ def test_pictures_that_are_all_alike_are_refused() -> None:
 
 
 def test_a_wrong_board_is_refused_with_the_worst_picture() -> None:
-    bent = [replace(v, board_m=v.board_m * np.array([1.0, 1.05, 1.0], np.float32) + 0.002 * np.sin(900 * v.board_m)) for v in views()]
+    bent = [
+        replace(v, board_m=v.board_m * np.array([1.0, 1.05, 1.0], np.float32) + 0.002 * np.sin(900 * v.board_m))
+        for v in views()
+    ]
     with pytest.raises(CalibrationError, match=r"reprojection error is .*worst: \d"):
         calibrate(bent, SIZE)
 

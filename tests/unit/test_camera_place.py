@@ -26,7 +26,9 @@ from tests.rendered_board import LENS, seen_flat
 SIZE = (1280, 720)
 TRUTH = np.array([900.0, 905.0, 650.0, 350.0, -0.25, 0.08, 0.001, -0.0005, 0.0])
 SPREAD = np.diag(np.array([2.0, 2.0, 2.0, 2.0, 0.003, 0.005, 2e-4, 2e-4, 0.0]) ** 2)
-KNOWN = np.array([(0.3, 0.3, 0.0), (3.6, 0.4, 0.0), (3.5, 2.6, -0.3), (0.4, 2.7, 0.0), (2.0, 1.5, -0.1), (1.0, 2.0, 0.0)])
+KNOWN = np.array(
+    [(0.3, 0.3, 0.0), (3.6, 0.4, 0.0), (3.5, 2.6, -0.3), (0.4, 2.7, 0.0), (2.0, 1.5, -0.1), (1.0, 2.0, 0.0)]
+)
 """z down: the third is 0.3 m above the water."""
 
 
@@ -75,7 +77,9 @@ def test_a_marker_above_the_water_is_a_tenth_of_a_metre_off_at_the_edge_unless_i
     right = PlaneMap(placed(), 0.15).pose(*px, 0.1, 0.002)
     assert wrong is not None
     assert right is not None
-    assert wrong.x_m - 0.1 == pytest.approx(-1.9 * 0.15 / 2.85, abs=1e-4), "parallax: distance from the nadir times h/(H-h)"
+    assert wrong.x_m - 0.1 == pytest.approx(-1.9 * 0.15 / 2.85, abs=1e-4), (
+        "parallax: distance from the nadir times h/(H-h)"
+    )
     assert right.x_m == pytest.approx(0.1, abs=1e-6)
 
 
@@ -167,7 +171,9 @@ def test_the_place_from_a_picture_with_markers(tmp_path: Path) -> None:
     pose = hanging((2.1, 1.4, -3.2), (0.12, -0.08, 0.1))
     markers = {1: (0.6, 0.5), 2: (3.4, 0.5), 3: (3.3, 2.4), 4: (0.7, 2.5), 5: (2.0, 1.3), 6: (1.3, 2.0)}
     cv2.imwrite(str(tmp_path / "pool.png"), pool_picture(pose, markers))
-    points = "".join(f"[[point]]\nmarker = {n}\nx_m = {x}\ny_m = {y}\n" for n, (x, y) in [*markers.items(), (9, (0, 0))])
+    points = "".join(
+        f"[[point]]\nmarker = {n}\nx_m = {x}\ny_m = {y}\n" for n, (x, y) in [*markers.items(), (9, (0, 0))]
+    )
     (tmp_path / "points.toml").write_text(points)
     camera = tmp_path / "camera.json"
     camera.write_text(CameraFile(lens=LENS).model_dump_json())
@@ -176,7 +182,9 @@ def test_the_place_from_a_picture_with_markers(tmp_path: Path) -> None:
     found = json.loads(result.stdout)
     assert found["not_seen"] == ["marker 9"]
     assert found["points"] == 6
-    assert (found["camera_x_m"], found["camera_y_m"], found["camera_height_m"]) == pytest.approx((2.1, 1.4, 3.2), abs=0.02)
+    assert (found["camera_x_m"], found["camera_y_m"], found["camera_height_m"]) == pytest.approx(
+        (2.1, 1.4, 3.2), abs=0.02
+    )
     assert found["rms_m"] < 0.001
 
     config = CameraTrackerConfig(calibration=camera, vehicles=(Vehicle(name="v", front="red"),), colours={"red": RED})
