@@ -70,9 +70,7 @@ class Scene:
             spots = []
             for dx, dy, radius in random.uniform(-1.0, 1.0, (self.spots, 3)):
                 spots.append(Spot(x + 35.0 * dx, y + 35.0 * dy, 5.0 + 3.0 * radius))
-            image = renderer.render(
-                (x + 0.5) / _SCALE, (y + 0.5) / _SCALE, psi, motion_px=motion, spots=spots
-            ).copy()
+            image = renderer.render((x + 0.5) / _SCALE, (y + 0.5) / _SCALE, psi, motion_px=motion, spots=spots).copy()
             yield Picture(image, (x, y, psi), k * PERIOD_NS)
 
 
@@ -132,7 +130,9 @@ def opencv(refinement: int) -> Finder:
 
     def find(grey: Any) -> Any:
         corners, ids, _ = detector.detectMarkers(grey)
-        return next((c[0] for c, i in zip(corners, [] if ids is None else ids.ravel(), strict=True) if i == NUMBER), None)
+        return next(
+            (c[0] for c, i in zip(corners, [] if ids is None else ids.ravel(), strict=True) if i == NUMBER), None
+        )
 
     return find
 
@@ -220,7 +220,11 @@ def _accuracy(peers: dict[str, Finder]) -> list[Result]:
         results += [
             Result(f"{name}_rms_px", px, {n: other.rms()[0] for n, other in others.items()}, goal=goal_px),
             Result(f"{name}_rms_deg", deg, {n: other.rms()[1] for n, other in others.items()}, goal=goal_deg),
-            Result(f"{name}_good_fraction", len(mine.px) / mine.pictures, {n: len(o.px) / o.pictures for n, o in others.items()}),
+            Result(
+                f"{name}_good_fraction",
+                len(mine.px) / mine.pictures,
+                {n: len(o.px) / o.pictures for n, o in others.items()},
+            ),
         ]
     return results
 
@@ -233,7 +237,16 @@ def _glare(peers: dict[str, Finder]) -> list[Result]:
         mine = ours(scene, 300)
         others = {n: peer(find, scene, 100) for n, find in peers.items()} if side else {}
         results += [
-            Result(f"{name}_glare_max_px", max(mine.px, default=math.nan), {n: max(o.px, default=math.nan) for n, o in others.items()}, goal=0.5),
-            Result(f"{name}_glare_good_fraction", len(mine.px) / mine.pictures, {n: len(o.px) / o.pictures for n, o in others.items()}),
+            Result(
+                f"{name}_glare_max_px",
+                max(mine.px, default=math.nan),
+                {n: max(o.px, default=math.nan) for n, o in others.items()},
+                goal=0.5,
+            ),
+            Result(
+                f"{name}_glare_good_fraction",
+                len(mine.px) / mine.pictures,
+                {n: len(o.px) / o.pictures for n, o in others.items()},
+            ),
         ]
     return results

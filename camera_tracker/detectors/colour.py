@@ -65,7 +65,7 @@ class Patch:
     contrast: float
     clipped: bool
     strange: float = 0.0
-    """Area of what is neither the patch's colour nor its surroundings' nor a mixture of them, as a part of the patch."""
+    """Area of what is neither the patch's colour nor its surroundings', as a part of the patch."""
     bright: bool = False
     """Whether that is brighter than both."""
 
@@ -252,7 +252,7 @@ def pose_of_patch(patch: Patch, *, area_px2: float | None, heading_rad: float, p
 
 
 def _checks(patches: list[Patch], area_px2: float | None, *, plain: bool) -> list[tuple[float, str]]:
-    """Return what speaks against patches. Quality 0.5 is where a pose of ours errs by half a px (benchmarks/tracker.py)."""
+    """Return what speaks against patches; the limits are from benchmarks/tracker.py, where none errs by half a px."""
     checks = [(min(1.0, p.contrast / _GOOD_CONTRAST), "low contrast") for p in patches]
     checks += [doubtful("out of view: clipped at the edge of the picture") for p in patches if p.clipped]
     if plain:

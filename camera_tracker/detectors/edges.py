@@ -87,7 +87,9 @@ def _across(reach_quarter_px: int) -> tuple[Floats, Floats, Floats, Floats]:
     return across, middle, window, window - k * middle * np.sin(2.0 * k * middle)
 
 
-def _fit(grey: NDArray[np.float32], corners: Floats, along: Floats, reach_px: float, *, capture: bool) -> Outline | None:
+def _fit(
+    grey: NDArray[np.float32], corners: Floats, along: Floats, reach_px: float, *, capture: bool
+) -> Outline | None:
     """Measure profiles across the edges and move each edge onto the line that fits them."""
     ends = corners[_NEXT]
     sides = ends - corners
@@ -144,7 +146,7 @@ def _median(rows: Floats) -> Floats:
 def _lines(t: Floats, offsets: Floats, good: NDArray[np.bool_]) -> tuple[Floats, Floats, NDArray[np.bool_], Floats]:
     """Fit offsets = offset + slope t to each row, without outliers; return also the inliers and their scatter.
 
-    The scatter (2, rows) is the variance of the residuals, and what of it is more than steps between neighbours explain.
+    The scatter (2, rows) is the variance of the residuals, and what of it steps between neighbours do not explain.
     """
     deviation = np.abs(offsets - _median(offsets)[:, None])
     good = good & (deviation < np.maximum(4.0 * _median(deviation), 2.0 * _OUTLIER_PX)[:, None])

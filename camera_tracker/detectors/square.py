@@ -42,7 +42,7 @@ _BLOCK_PX, _BELOW, _DEPTH = 25, 8, 16
 _REACH_MODULES = 0.75
 _GOOD_CONTRAST = 40.0
 _BENT_PX = 0.15
-"""An edge that is bent by this much is not seen as it is; then the pose errs by up to 0.3 px (benchmarks/tracker.py)."""
+"""An edge that is bent by this much is not seen as it is: the pose errs by 0.3 px then (benchmarks/tracker.py)."""
 _BOW = 0.02
 """Lens and paper may bend an edge by this part of a module."""
 _WRONG_MODULE = 0.25
@@ -61,9 +61,8 @@ class Code:
     """Wrong bits that are put up with: 60 % of what the dictionary can correct, as OpenCV does."""
     models: dict[tuple[int, int], tuple[Floats, Floats]] = field(default_factory=dict)
 
-
     def model(self, marker: int, turns: int) -> tuple[Floats, Floats]:
-        """Return the linear model of a marker's modules (modules, 3): own and mean neighbours' white, one; and its inverse."""
+        """Return a marker's linear model (modules, 3): its own white, its neighbours', one; and the inverse."""
         if (marker, turns) not in self.models:
             pattern = np.rot90(self.patterns[marker], turns)
             padded = np.pad(pattern, 1, mode="edge")
@@ -122,7 +121,7 @@ class SquareDetector(Detector):
         self._misses = 0
 
     def look(self, image: Image, name: str, region: Region, prediction: Prediction) -> Detection | None:
-        """Return a vehicle near its prediction: first by fitting the predicted outline, else by a search of the region."""
+        """Return a vehicle near its prediction: by fitting the predicted outline, else by a search of the region."""
         grey = _grey(region.of(image))
         found = None
         if prediction.last.corners_px:
@@ -161,9 +160,7 @@ class SquareDetector(Detector):
         found = self._candidates(grey, factor, Region(0, 0, width, height), image)
         return [(name, detection) for name, detection in found if self._every or name in wanted]
 
-    def _candidates(
-        self, grey: NDArray[Any], factor: int, region: Region, image: Image
-    ) -> list[tuple[str, Detection]]:
+    def _candidates(self, grey: NDArray[Any], factor: int, region: Region, image: Image) -> list[tuple[str, Detection]]:
         """Return what is read from the dark quadrilaterals of a grey picture of the region, reduced by a factor."""
         found = []
         for corners in dark_quadrilaterals(grey.astype(np.uint8, copy=False)):
@@ -190,7 +187,7 @@ class SquareDetector(Detector):
         if reading is None:
             return None
         name, heading = self._of_id.get(reading.marker, (str(reading.marker), 0.0))
-        at = reading.corners + (region.x0, region.y0)
+        at = np.add(reading.corners, (region.x0, region.y0))
         x_px, y_px = middle_of(at)
         quality, reason = worst(_checks(outline, reading, at, image, module_px))
         return name, Detection(
@@ -252,7 +249,7 @@ def dark_quadrilaterals(grey: NDArray[np.uint8]) -> list[Floats]:
             continue
         corners = _quadrilateral((labels[y : y + h, x : x + w] == label).astype(np.uint8))
         if corners is not None:
-            found.append(corners + (x, y))
+            found.append(np.add(corners, (x, y)))
     return found
 
 

@@ -26,7 +26,7 @@ _HINT = (
 )
 
 
-def track(
+def track(  # noqa: PLR0917 - options, each by its name
     source: Annotated[str, typer.Argument(help="Picture, folder, video, /dev/video0 or a number, sim://[DIRECTORY].")],
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     config: Annotated[Path | None, typer.Option(help="TOML file with a [camera_tracker] section.")] = None,

@@ -176,14 +176,13 @@ class Renderer:
         c, s = _FINE * math.cos(psi_rad), _FINE * math.sin(psi_rad)
         middle = 0.5 * (self._sprite.shape[0] - 1)
         picture_to_sprite = np.array([[c, s, middle + c * dx + s * dy], [-s, c, middle - s * dx + c * dy]])
-        turned = cv2.warpAffine(
+        return cv2.warpAffine(  # type: ignore[return-value]
             self._sprite,
             picture_to_sprite,
             size,
             flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
             borderValue=(0.0, 0.0, 0.0, 1.0),
         )
-        return turned  # type: ignore[return-value]
 
     def _make_water(self) -> Image:
         """Return water with waves of several lengths, larger than the picture by the margin."""
@@ -250,7 +249,9 @@ def _make_sprite(vessel: Vessel, reach_m: float, blur_px: float, square: SquareM
     return sprite
 
 
-def _square_layers(square: SquareMarker, fine_per_m: float, shape: tuple[int, int]) -> list[tuple[_Float, tuple[float, ...]]]:
+def _square_layers(
+    square: SquareMarker, fine_per_m: float, shape: tuple[int, int]
+) -> list[tuple[_Float, tuple[float, ...]]]:
     """Return white plate and black modules of a marker in the middle of a sprite, with exact cover at the edges."""
     picture = square.picture()
     modules = len(picture)

@@ -23,7 +23,7 @@ SCALE = VESSEL.camera.scale_px_per_m
 
 
 def renderer(side_px: float = 60.0, dictionary: str = "apriltag_36h11", number: int = 7, **more: float) -> Renderer:
-    return Renderer(VESSEL, 3, square=SquareMarker(dictionary, number, side_px / SCALE), **more)  # type: ignore[arg-type]
+    return Renderer(VESSEL, 3, square=SquareMarker(dictionary, number, side_px / SCALE), **more)
 
 
 def marked(dictionary: str = "apriltag_36h11", number: int = 7, **more: object) -> CameraTrackerConfig:
@@ -53,7 +53,9 @@ def rms(errors: np.ndarray) -> list[float]:
     ("side_px", "goal_px", "goal_deg"),
     [(60.0, 0.025, 0.03), (30.0, 0.04, 0.12)],
 )
-def test_a_moving_marker_is_followed_to_a_few_hundredths_of_a_px(side_px: float, goal_px: float, goal_deg: float) -> None:
+def test_a_moving_marker_is_followed_to_a_few_hundredths_of_a_px(
+    side_px: float, goal_px: float, goal_deg: float
+) -> None:
     errors = moving(renderer(side_px), marked(), 120)
     assert len(errors) == 120
     px, deg = rms(errors)

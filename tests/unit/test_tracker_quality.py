@@ -27,7 +27,7 @@ SKIN_BGR = (130, 160, 210)
 
 
 def camera(kind: str, **more: float) -> Renderer:
-    return Renderer(VESSEL, 5, square=SQUARE if kind == "square" else None, **more)  # type: ignore[arg-type]
+    return Renderer(VESSEL, 5, square=SQUARE if kind == "square" else None, **more)
 
 
 def way(frames: int) -> Iterator[tuple[int, float, float, float]]:
@@ -44,7 +44,9 @@ def test_no_good_pose_is_half_a_pixel_wrong_under_glare(kind: str) -> None:
     renderer, tracker, random = camera(kind), Tracker(CONFIGS[kind]), np.random.default_rng(1)
     good, reasons, wrong = 0, set(), 0
     for k, x_px, y_px, psi in way(100):
-        spots = [Spot(x_px + dx, y_px + dy, 3.0 + r) for dx, dy, r in random.uniform((-35, -35, 0), (35, 35, 5), (3, 3))]
+        spots = [
+            Spot(x_px + dx, y_px + dy, 3.0 + r) for dx, dy, r in random.uniform((-35, -35, 0), (35, 35, 5), (3, 3))
+        ]
         image = renderer.render((x_px + 0.5) / SCALE, (y_px + 0.5) / SCALE, psi, spots=spots)
         found = tracker.track(image, k * 33_333_333).get("v")
         if found is None:
@@ -146,7 +148,11 @@ def test_travel_ahead_shows_the_front_which_then_stays_known(psi: float) -> None
     x, y, _ = travel[-1]
     results = headings(one_patch(goes_ahead=True), [*travel, *((x, y, psi + 0.08 * k) for k in range(50))])
     assert results[0][0], "at first nobody can know"
-    known = [(psi_rad, (travel[-1][2] + 0.08 * max(k - 25, 0))) for k, (ambiguous, psi_rad) in enumerate(results) if not ambiguous]
+    known = [
+        (psi_rad, (travel[-1][2] + 0.08 * max(k - 25, 0)))
+        for k, (ambiguous, psi_rad) in enumerate(results)
+        if not ambiguous
+    ]
     assert len(known) == 55
     assert all(abs(math.remainder(a - b, math.tau)) < 0.1 for a, b in known)
 
