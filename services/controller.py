@@ -2,17 +2,91 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from pydantic import Field, TypeAdapter, ValidationError, field_validator
+
 from bus import topics
 from bus.clock import NS
+from bus.config import ConfigError, Section
 from bus.messages import AttainedWrench, ControlStatus, HelmState, NavigationState, Wrench
 from bus.service import Input, Output, Service
-from marine.control.base import ZERO, ControlLaw, Vector3
-from marine.control.positioning import Positioning
+from marine.allocation import axis_limits
+from marine.control.base import ZERO, ControlLaw, Reference, Vector3
+from marine.control.laws import known_laws
+from marine.frames import to_tank, wrap_angle
+from marine.guidance.reference_filter import MotionLimits, ReferenceFilter
 from marine.vessel import Vessel
 
 STATUS_PERIOD_S = 0.2
 MAX_STEP_S = 0.25
 """Integrals do not advance further at once, whatever the gap between two navigation states."""
+
+APPROACH = 2.0
+"""Rate at which the reference filter goes out, in units of the vessel's w0."""
+
+
+class ReferenceFilterConfig(Section):
+    """Table [controller.reference_filter]: how a new reference is approached."""
+
+    enabled: bool = Field(True, description="false: the law gets steps as they are")
+    share: float = Field(
+        0.7, gt=0, le=1, description="part of the actuators that the motion may take: gives the limits that are not set"
+    )
+    speed_m_s: float | None = Field(None, gt=0)
+    acceleration_m_s2: float | None = Field(None, gt=0)
+    yaw_rate_rad_s: float | None = Field(None, gt=0)
+    yaw_acceleration_rad_s2: float | None = Field(None, gt=0)
+
+    def filter_for(self, vessel: Vessel, limits: Vector3) -> ReferenceFilter:
+        """Return the filter for a vessel whose actuators reach `limits` on surge, sway and yaw."""
+        derived = vars(MotionLimits.of_vessel(vessel.model, limits, self.share, APPROACH * vessel.hold_w0_rad_s))
+        given = self.model_dump(exclude={"enabled", "share"}, exclude_none=True)
+        return ReferenceFilter(MotionLimits(**{**derived, **given}))
+
+
+class ControllerConfig(Section):
+    """Section [controller]."""
+
+    positioning: str = Field("ipd", description="law that serves hold: see docs/control.md, `starboard tune --list`")
+    laws: dict[str, Any] = Field(
+        default_factory=dict, description="parameters of laws that differ from their defaults, by the law's name"
+    )
+    reference_filter: ReferenceFilterConfig = ReferenceFilterConfig()
+
+    @field_validator("positioning")
+    @classmethod
+    def _serves_positioning(cls, name: str) -> str:
+        known = [law.name for law in known_laws().values() if law.serves == "positioning"]
+        if name not in known:
+            raise ValueError(f"no law is called {name!r}; known: {', '.join(known)}")
+        return name
+
+    @field_validator("laws")
+    @classmethod
+    def _parameters(cls, laws: dict[str, Any]) -> dict[str, Any]:
+        """Turn each table into the parameters of its law."""
+        for name in laws:
+            if name not in known_laws():
+                raise ValueError(f"no law is called {name!r}; known: {', '.join(known_laws())}")
+        return {name: _parsed(known_laws()[name], values) for name, values in laws.items()}
+
+    def build(self, name: str, vessel: Vessel, limits: Vector3) -> ControlLaw:
+        """Return a law for a vessel; raise ConfigError when it cannot be designed."""
+        law = known_laws()[name]
+        try:
+            return law.for_vessel(self.laws.get(name, law.Parameters()), vessel, limits)
+        except ValueError as error:
+            raise ConfigError(f"controller.laws.{name}: {error}") from None
+
+
+def _parsed(law: type[ControlLaw], values: Any) -> Any:
+    try:
+        return TypeAdapter(law.Parameters).validate_python(values)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(str(part) for part in (law.name, *first["loc"]))
+        raise ValueError(f"{key}: {first['msg']}") from None
 
 
 class Controller(Service):
@@ -30,10 +104,14 @@ class Controller(Service):
     wrench = Output(topics.CONTROL_WRENCH)
     status = Output(topics.CONTROL_STATUS)
 
-    def __init__(self, vessel: Vessel) -> None:
-        positioning = Positioning(vessel.model, vessel.hold_w0_rad_s)
-        self._laws: dict[str, ControlLaw] = {positioning.name: positioning}
+    def __init__(self, config: ControllerConfig, vessel: Vessel) -> None:
+        X, Y, _, _, _, N = axis_limits(vessel)
+        limits = (X, Y, N)
+        self._laws = {"positioning": config.build(config.positioning, vessel, limits)}
+        shaping = config.reference_filter
+        self._filter = shaping.filter_for(vessel, limits) if shaping.enabled else None
         self._running: ControlLaw | None = None
+        self._error = ZERO  # from the helm's reference, whatever the filter makes of it
         self._in_charge = False
         self._state_ns = 0
         self._told_s = 0.0
@@ -50,8 +128,8 @@ class Controller(Service):
         self._tell(now_s)
 
     def _control(self, helm: HelmState, state: NavigationState, now_s: float) -> None:
-        law, reference = self._laws.get(helm.law), _reference(helm)
-        if law is None or reference is None:
+        law, target = self._laws.get(helm.law), _reference(helm)
+        if law is None or target is None:
             self._running = None
             return
         eta = (state.x_m, state.y_m, state.psi_rad)
@@ -59,13 +137,25 @@ class Controller(Service):
         attained = self.attained.fresh(now_s)
         if helm.suspended or law is not self._running:
             law.follow(eta, nu, _given(attained))
+            if self._filter:
+                self._filter.start(eta, (*to_tank(nu[0], nu[1], eta[2]), nu[2]))
             dt_s, missing = 0.0, ZERO
         else:
             dt_s = max(0.0, min(MAX_STEP_S, (state.stamp_ns - self._state_ns) / NS))
             missing = _missing(attained)
-        X, Y, N = law.step(dt_s, reference, eta, nu, missing)
+        reference = self._shaped(dt_s, target)
+        disturbance = ZERO if law.integral else _disturbance(state)
+        X, Y, N = law.step(dt_s, reference, eta, nu, missing, disturbance)
         self._running, self._state_ns = law, state.stamp_ns
+        self._error = (target[0] - eta[0], target[1] - eta[1], wrap_angle(target[2] - eta[2]))
         self.wrench.publish(Wrench(origin_ns=state.origin_ns, surge_n=X, sway_n=Y, yaw_nm=N))
+
+    def _shaped(self, dt_s: float, target: Vector3) -> Reference:
+        """Return the reference of this moment on the way to the target."""
+        if self._filter is None:
+            return Reference(target)
+        self._filter.step(dt_s, target)
+        return Reference(self._filter.eta, self._filter.rate, self._filter.acceleration)
 
     def _tell(self, now_s: float) -> None:
         if now_s - self._told_s < STATUS_PERIOD_S - 1e-3:  # steps come at 1/30 s, and round off
@@ -74,7 +164,7 @@ class Controller(Service):
         if self._running is None:
             self.status.publish(ControlStatus(law="", in_charge=False))
             return
-        e_x, e_y, e_psi = self._running.error
+        e_x, e_y, e_psi = self._error
         held_x, held_y, held_yaw = self._running.action
         attained = self.attained.fresh(now_s)
         self.status.publish(
@@ -97,6 +187,11 @@ def _reference(helm: HelmState) -> Vector3 | None:
     if helm.x_m is None or helm.y_m is None or helm.psi_rad is None:
         return None
     return helm.x_m, helm.y_m, helm.psi_rad
+
+
+def _disturbance(state: NavigationState) -> Vector3:
+    """Return the estimated disturbance in {E}; zero when the estimator has none."""
+    return state.disturbance_x_n or 0.0, state.disturbance_y_n or 0.0, state.disturbance_yaw_nm or 0.0
 
 
 def _given(attained: AttainedWrench | None) -> Vector3:

@@ -1,39 +1,135 @@
-"""What every control law has in common: a file with one law is all that a new one needs."""
+"""What every control law has in common: a file with one law is all that a new one needs (docs/how-to)."""
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from typing import ClassVar
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+from marine.frames import to_body, wrap_angle
+from marine.vessel import Vessel
 
 Vector3 = tuple[float, float, float]
 ZERO: Vector3 = (0.0, 0.0, 0.0)
+
+FADE_S = 1.0
+"""Time constant with which the difference to what the actuators gave before fades after engaging."""
+
+
+class Reference(NamedTuple):
+    """Where the vessel shall be: pose, its rate and its acceleration in {E}; m, rad and s."""
+
+    eta: Vector3
+    rate: Vector3 = ZERO
+    acceleration: Vector3 = ZERO
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """Base of the parameter models of laws: frozen dataclasses whose fields all have defaults.
+
+    `__post_init__` refuses values by ValueError; a field's metadata["doc"] says what it is.
+    """
+
+    # Read by pydantic where a configuration file becomes parameters: marine itself does not know of it.
+    __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid", "allow_inf_nan": False}
 
 
 class ControlLaw(ABC):
     """A law for surge, sway and yaw: pure, without a clock.
 
     eta = [x y psi] in {E} in m and rad; nu = [u v r] in {B} in m/s and rad/s; tau = [X Y N] in {B} in N and Nm.
+
+    A law says its demand (`demand`), and if it has an integral how to set it (`engage`). What all laws share is here:
+    the demand stays within what the actuators can do on each axis alone, and what that takes is told to the anti-windup
+    with what the allocator takes; engaging does not jump, whatever the law; a disturbance may be fed forward.
     """
 
     name: ClassVar[str]
-    """What helm/state calls it."""
+    """What configuration files call it."""
+    serves: ClassVar[str] = "positioning"
+    """What helm/state calls it: the law of a mode."""
+    integral: ClassVar[bool] = True
+    """False: the estimator's disturbance is fed forward instead. One kind of integral action at a time."""
+    Parameters: ClassVar[type[Parameters]] = Parameters
 
-    error: Vector3 = ZERO
-    """Reference less eta at the last step, m and rad, the angle in (-pi, pi]."""
+    def __init__(self, limits: Vector3) -> None:
+        """limits: largest |X|, |Y|, |N| of a demand; see `marine.allocation.axis_limits`."""
+        self.limits = limits
+        self.error: Vector3 = ZERO
+        self._cut = ZERO
+        self._fading = ZERO
+        self._taking_over: Vector3 | None = None
+        self._against = ZERO
+
+    @classmethod
+    @abstractmethod
+    def for_vessel(cls, parameters: Any, vessel: Vessel, limits: Vector3) -> ControlLaw:
+        """Return the law designed for a vessel; raise ValueError when it cannot be."""
+
+    @abstractmethod
+    def demand(self, dt_s: float, reference: Reference, eta: Vector3, nu: Vector3, missing: Vector3) -> Vector3:
+        """Return the demanded tau; arguments as those of `step`."""
+
+    def engage(self, eta: Vector3, nu: Vector3, tau: Vector3) -> None:  # noqa: B027 - not every law has something to set
+        """Set integrals so that the next demand, without time passing, is tau. Without them there is nothing to do."""
 
     @property
-    @abstractmethod
+    def held(self) -> Vector3:
+        """What the law's integrals hold in {E}, N and Nm."""
+        return ZERO
+
+    @property
     def action(self) -> Vector3:
         """What the law holds besides damping, in {E}, N and Nm: at rest the force against the disturbance."""
+        a, b = self.held, self._against
+        return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
-    @abstractmethod
     def follow(self, eta: Vector3, nu: Vector3, tau: Vector3) -> None:
-        """Make ready to take over: the next demand, without time passing, is tau."""
+        """Make ready to take over: forget the past; the next demand is tau, as far as the limits allow it."""
+        self._cut = self._fading = self._against = ZERO
+        self._taking_over = tau
+        self.engage(eta, nu, tau)
 
-    @abstractmethod
-    def step(self, dt_s: float, reference: Vector3, eta: Vector3, nu: Vector3, missing: Vector3) -> Vector3:
+    def step(  # noqa: PLR0917 - the symbols of the loop
+        self,
+        dt_s: float,
+        reference: Reference,
+        eta: Vector3,
+        nu: Vector3,
+        missing: Vector3,
+        disturbance: Vector3 = ZERO,
+    ) -> Vector3:
         """Return the demanded tau.
 
-        dt_s: time since the step before; reference: wanted eta; missing: what the actuators gave of the demand
-        before, less that demand, in {B}; zero within their limits.
+        dt_s: time since the step before; missing: what the actuators gave of the demand before, less that demand, in
+        {B}; zero within their limits. disturbance: in {E}, to be fed forward.
         """
+        self.error = (
+            reference.eta[0] - eta[0],
+            reference.eta[1] - eta[1],
+            wrap_angle(reference.eta[2] - eta[2]),
+        )
+        cut = self._cut
+        d_x, d_y, d_n = disturbance
+        self._against = (-d_x, -d_y, -d_n)
+        short = (missing[0] + cut[0], missing[1] + cut[1], missing[2] + cut[2])
+        X, Y, N = self.demand(dt_s, reference, eta, nu, short)
+        against_x, against_y = to_body(-d_x, -d_y, eta[2])
+        X, Y, N = X + against_x, Y + against_y, N - d_n
+        if self._taking_over is not None:
+            self._fading = (self._taking_over[0] - X, self._taking_over[1] - Y, self._taking_over[2] - N)
+            self._taking_over = None
+        elif self._fading != ZERO:
+            left = math.exp(-dt_s / FADE_S)
+            f = self._fading
+            self._fading = (f[0] * left, f[1] * left, f[2] * left)
+        X, Y, N = X + self._fading[0], Y + self._fading[1], N + self._fading[2]
+        tau = (_within(X, self.limits[0]), _within(Y, self.limits[1]), _within(N, self.limits[2]))
+        self._cut = (tau[0] - X, tau[1] - Y, tau[2] - N)
+        return tau
+
+
+def _within(value: float, limit: float) -> float:
+    return max(-limit, min(limit, value))

@@ -2,74 +2,116 @@
 
 from __future__ import annotations
 
-from marine.control.base import ControlLaw, Vector3
-from marine.control.ipd import Ipd
-from marine.control.model_function import bessel
-from marine.frames import to_body, to_tank, wrap_angle
-from marine.vessel import DegreeOfFreedom, HorizontalModel
+from dataclasses import dataclass, field
 
-TRACKING_TIME = 0.5
-"""T_t of the anti-windup, in units of 1/w0."""
+from marine.control.base import ControlLaw, Parameters, Reference, Vector3
+from marine.control.model_function import Coefficients, model_function
+from marine.control.single_loop import TRACKING_TIME, SingleLoop
+from marine.control.stability import limited
+from marine.control.structures import STRUCTURES, LoopDesign, design
+from marine.frames import to_body, to_tank, wrap_angle
+from marine.vessel import DegreeOfFreedom, HorizontalModel, Vessel
 
 _UNIT_MASS = DegreeOfFreedom(1.0, 0.0, 0.0)
+_I_PD = STRUCTURES["I-PD"]
+
+
+@dataclass(frozen=True)
+class PositioningParameters(Parameters):
+    """Design of the I-PD positioning."""
+
+    model_function: str = field(default="bessel", metadata={"doc": "bessel, butterworth, or coefficients a1,a2,a3"})
+    w0_rad_s: float | None = field(
+        default=None, metadata={"doc": "characteristic frequency; None: the vessel file's [hold]"}
+    )
+
+    def __post_init__(self) -> None:
+        model_function(self.model_function, 3, 1.0 if self.w0_rad_s is None else self.w0_rad_s)
 
 
 class Positioning(ControlLaw):
     """tau = diag(alpha) R^T(psi) a + beta(nu) nu with a = (1/a3) int e - (a1/a3) eta - (a2/a3) eta'.
 
     That is thesis (8.2), (8.5) per degree of freedom, for x and y as accelerations in {E}: what their integrals hold
-    against is a current, which stays where it is when the vessel turns. The drag is compensated in {B}, where it acts.
+    against is a current, which stays where it is when the vessel turns. The drag is compensated in {B}, where it acts,
+    up to the speed (8.27). A moving reference enters as G^-1(s) eta_ref, with its a3 s^3 integrated at once: alpha
+    times its acceleration. A reference at rest acts through the integral only.
     """
 
-    name = "positioning"
+    name = "ipd"
+    Parameters = PositioningParameters
 
-    def __init__(self, model: HorizontalModel, w0_rad_s: float) -> None:
-        """Design the law: the gains follow from the model and from Bessel's model function at w0."""
-        self._surge, self._sway = model.surge, model.sway
-        a, tracking_time_s = bessel(3, w0_rad_s), TRACKING_TIME / w0_rad_s
-        self._x = Ipd(_UNIT_MASS, a, tracking_time_s)
-        self._y = Ipd(_UNIT_MASS, a, tracking_time_s)
-        self._psi = Ipd(model.yaw, a, tracking_time_s)
+    def __init__(self, model: HorizontalModel, a: Coefficients, tracking_time_s: float, limits: Vector3) -> None:
+        """Design the law by the model function a = (a1, a2, a3); raise ValueError when (8.22) does not allow it."""
+        super().__init__(limits)
+        self._a1, self._a2, _ = a
+        self._surge, self._sway = (limited(design(_I_PD, dof, a)) for dof in (model.surge, model.sway))
+        unit = design(_I_PD, _UNIT_MASS, a)
+        self._x = SingleLoop(unit, tracking_time_s)
+        self._y = SingleLoop(unit, tracking_time_s)
+        self._psi = SingleLoop(limited(design(_I_PD, model.yaw, a)), tracking_time_s)
         self._eta: Vector3 | None = None
 
-    def follow(self, eta: Vector3, nu: Vector3, tau: Vector3) -> None:
-        """Make ready to take over: the next demand, without time passing, is tau."""
+    @classmethod
+    def for_vessel(cls, parameters: PositioningParameters, vessel: Vessel, limits: Vector3) -> Positioning:
+        """Return the law designed for a vessel; raise ValueError when (8.22) does not allow it."""
+        w0 = vessel.hold_w0_rad_s if parameters.w0_rad_s is None else parameters.w0_rad_s
+        a = model_function(parameters.model_function, 3, w0)
+        return cls(vessel.model, a, TRACKING_TIME * a[2] ** (1.0 / 3.0), limits)
+
+    @property
+    def designs(self) -> tuple[LoopDesign, LoopDesign, LoopDesign]:
+        """The designs of surge, sway and yaw."""
+        return self._surge, self._sway, self._psi.design
+
+    def engage(self, eta: Vector3, nu: Vector3, tau: Vector3) -> None:
+        """Set the integrals so that the next demand, without time passing, is tau."""
         u, v, r = nu
         X, Y, N = tau
         psi = eta[2]
-        a_x, a_y = self._acceleration(X - self._surge.drag(u), Y - self._sway.drag(v), psi)
+        a_x, a_y = self._acceleration(X - self._surge.compensation(u), Y - self._sway.compensation(v), psi)
         x_dot, y_dot = to_tank(u, v, psi)
         self._x.follow(a_x, x_dot)
         self._y.follow(a_y, y_dot)
         self._psi.follow(N, r)
         self._eta = eta
 
-    def step(self, dt_s: float, reference: Vector3, eta: Vector3, nu: Vector3, missing: Vector3) -> Vector3:
+    def demand(self, dt_s: float, reference: Reference, eta: Vector3, nu: Vector3, missing: Vector3) -> Vector3:
         """Return the demanded tau; see `ControlLaw.step`."""
         u, v, r = nu
         x, y, psi = eta
         x_before, y_before, psi_before = self._eta or eta
         self._eta = eta
-        e_x, e_y, e_psi = self.error = reference[0] - x, reference[1] - y, wrap_angle(reference[2] - psi)
+        e_x, e_y, e_psi = self._led_error(reference)
         missing_x, missing_y = self._acceleration(missing[0], missing[1], psi)
         self._x.advance(dt_s, e_x, x - x_before, missing_x)
         self._y.advance(dt_s, e_y, y - y_before, missing_y)
         self._psi.advance(dt_s, e_psi, wrap_angle(psi - psi_before), missing[2])
         x_dot, y_dot = to_tank(u, v, psi)
-        X, Y = self._force(self._x.demand(x_dot), self._y.demand(y_dot), psi)
-        return X + self._surge.drag(u), Y + self._sway.drag(v), self._psi.demand(r)
+        led_x, led_y, led_psi = reference.acceleration
+        X, Y = self._force(self._x.demand(x_dot) + led_x, self._y.demand(y_dot) + led_y, psi)
+        N = self._psi.demand(r) + self._psi.design.model.alpha * led_psi
+        return X + self._surge.compensation(u), Y + self._sway.compensation(v), N
 
     @property
-    def action(self) -> Vector3:
+    def held(self) -> Vector3:
         """What integral and position part hold, in {E}, N and Nm: at rest the force against the disturbance."""
         psi = self._eta[2] if self._eta else 0.0
         return *to_tank(*self._force(self._x.action, self._y.action, psi), psi), self._psi.action
 
+    def _led_error(self, reference: Reference) -> Vector3:
+        e, rate, acceleration = self.error, reference.rate, reference.acceleration
+        return (
+            e[0] + self._a1 * rate[0] + self._a2 * acceleration[0],
+            e[1] + self._a1 * rate[1] + self._a2 * acceleration[1],
+            e[2] + self._a1 * rate[2] + self._a2 * acceleration[2],
+        )
+
     def _acceleration(self, X: float, Y: float, psi: float) -> tuple[float, float]:
         """Return the acceleration in {E} that a force in {B} gives, m/s^2."""
-        return to_tank(X / self._surge.alpha, Y / self._sway.alpha, psi)
+        return to_tank(X / self._surge.model.alpha, Y / self._sway.model.alpha, psi)
 
     def _force(self, a_x: float, a_y: float, psi: float) -> tuple[float, float]:
         """Return the force in {B} that gives an acceleration in {E}: diag(alpha) R^T a."""
         surge, sway = to_body(a_x, a_y, psi)
-        return self._surge.alpha * surge, self._sway.alpha * sway
+        return self._surge.model.alpha * surge, self._sway.model.alpha * sway

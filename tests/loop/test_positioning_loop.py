@@ -1,11 +1,15 @@
 """Controller and allocator around a model vessel, with a helm reduced to its switch."""
 
 import math
+import re
+from dataclasses import replace
+from pathlib import Path
 from typing import Literal
 
 import pytest
 
 from bus import topics
+from bus.config import ConfigError, parse
 from bus.memory_bus import MemoryBus
 from bus.messages import ActuatorCommand, ControlStatus, HelmState, HelmWrench, Mode, NavigationState, Wrench
 from bus.service import Input, Output, Service
@@ -13,9 +17,11 @@ from marine.actuators import Drive
 from marine.allocation import allocation_matrix
 from marine.dynamics.uncoupled import UncoupledModel
 from marine.frames import wrap_angle
+from marine.vessel import DegreeOfFreedom
 from services.allocator import Allocator, AllocatorConfig
-from services.controller import Controller
+from services.controller import Controller, ControllerConfig, ReferenceFilterConfig
 from services.vessels import load_vessel
+from tests.star import build_star
 
 PLADYPOS = load_vessel("pladypos")
 
@@ -31,6 +37,7 @@ class Water(Service):
     def __init__(self, psi_rad: float) -> None:
         self.state6 = (1.0, 1.0, psi_rad, 0.0, 0.0, 0.0)
         self.current = (0.0, 0.0)
+        self.disturbance_x_n: float | None = None
         self.status: Literal["tracking", "lost"] = "tracking"
         self._model = UncoupledModel(PLADYPOS.model)
         self._B = allocation_matrix(PLADYPOS.thrusters)[[0, 1, 5]]
@@ -52,6 +59,7 @@ class Water(Service):
                 sway_m_s=v,
                 yaw_rad_s=r,
                 measurement_age_s=0.0,
+                disturbance_x_n=self.disturbance_x_n,
                 origin_ns=round(now_s * 1e9),
             )
         )
@@ -89,14 +97,19 @@ class Switch(Service):
 
 
 class Loop:
-    def __init__(self, *, json: bool = False, psi_rad: float = 0.3) -> None:
+    def __init__(self, *, json: bool = False, psi_rad: float = 0.3, config: ControllerConfig | None = None) -> None:
         self.bus = MemoryBus(json=json)
         self.water, self.helm = Water(psi_rad), Switch()
         self.demands: list[Wrench] = []
         self.statuses: list[ControlStatus] = []
         self.bus.tap(topics.CONTROL_WRENCH, self.demands.append)
         self.bus.tap(topics.CONTROL_STATUS, self.statuses.append)
-        for service in (Allocator(AllocatorConfig(), PLADYPOS), Controller(PLADYPOS), self.helm, self.water):
+        for service in (
+            Allocator(AllocatorConfig(), PLADYPOS),
+            Controller(config or ControllerConfig(), PLADYPOS),
+            self.helm,
+            self.water,
+        ):
             self.bus.add(service)
 
     def hold(self, x_m: float, y_m: float, psi_rad: float) -> None:
@@ -113,19 +126,31 @@ class Loop:
         return track
 
 
+UNFILTERED = ReferenceFilterConfig(enabled=False)
 CURRENTS = [(0.0, 0.0), (0.05, 0.0), (0.0, -0.05)]
 
 
 @pytest.mark.parametrize("current", CURRENTS)
 @pytest.mark.parametrize("distance", [1.0, 2.0])
-def test_a_step_overshoots_little_and_arrives(current: tuple[float, float], distance: float) -> None:
-    loop = Loop()
+@pytest.mark.parametrize(
+    "config",
+    [
+        ControllerConfig(),
+        ControllerConfig(reference_filter=UNFILTERED),
+        ControllerConfig(positioning="lqr"),
+    ],
+    ids=["ipd", "ipd, steps as they are", "lqr"],
+)
+def test_a_step_overshoots_little_and_arrives(
+    current: tuple[float, float], distance: float, config: ControllerConfig
+) -> None:
+    loop = Loop(config=config)
     loop.water.current = current
     loop.hold(1.0, 1.0, 0.3)
     loop.record(25.0)
     loop.hold(1.0 + distance, 1.0, 0.3)
     track = loop.record(30.0)
-    assert max(x for _, x, _, _ in track) - 1.0 <= 1.10 * distance
+    assert max(x for _, x, _, _ in track) - 1.0 <= 1.02 * distance
     assert max(t for t, x, _, _ in track if abs(x - 1.0 - distance) > 0.05) <= 20.0
     rest = track[-150:]
     assert max(math.hypot(x - 1.0 - distance, y - 1.0) for _, x, y, _ in rest) < 0.01
@@ -149,7 +174,7 @@ def test_turning_goes_the_short_way_and_leaves_the_place(start: float, turn: flo
 
 
 def test_integral_stays_bounded_and_tells_the_disturbance() -> None:
-    loop = Loop()
+    loop = Loop(config=ControllerConfig(reference_filter=UNFILTERED))
     loop.water.current = (0.05, 0.0)
     loop.hold(3.0, 1.0, 0.3)
     loop.record(60.0)
@@ -239,3 +264,68 @@ def test_objects_and_json_give_the_same_bits() -> None:
         commands.append([tuple(c.commands.values()) for c in sent])
     assert finals[0] == finals[1] == finals[2]
     assert commands[0] == commands[1] == commands[2]
+
+
+def test_displaced_by_half_a_metre_it_comes_back() -> None:
+    for heading in (0.0, 1.0, -2.5):
+        loop = Loop(psi_rad=heading)
+        loop.hold(1.0, 1.0, heading)
+        loop.record(5.0)
+        loop.water.state6 = (1.3, 0.6, heading, 0.0, 0.0, 0.0)
+        track = loop.record(20.0)
+        assert max(t for t, x, y, _ in track if math.hypot(x - 1.0, y - 1.0) > 0.05) <= 15.0
+
+
+def test_without_an_integral_the_estimators_disturbance_is_fed_forward() -> None:
+    places: dict[float | None, float] = {}
+    pushed = PLADYPOS.model.surge.drag(0.05)
+    for disturbance in (None, pushed):
+        loop = Loop(config=ControllerConfig(positioning="p_d"))
+        loop.water.current = (0.05, 0.0)
+        loop.water.disturbance_x_n = disturbance
+        loop.hold(1.0, 1.0, 0.3)
+        loop.record(30.0)
+        places[disturbance] = loop.water.state6[0] - 1.0
+    assert places[None] > 4e-3
+    assert abs(places[pushed]) < 0.5 * places[None]
+
+
+@pytest.mark.parametrize(
+    ("section", "says"),
+    [
+        ({"positioning": "pid"}, "no law is called 'pid'; known: ipd, lqr, p_d"),
+        ({"laws": {"ipd": {"w0": 0.5}}}, "ipd.w0: Unexpected keyword argument"),
+        ({"laws": {"ipd": {"w0_rad_s": -1.0}}}, "w0 must be positive"),
+        ({"laws": {"ipd": {"model_function": "1,1,2"}}}, "not stable"),
+        ({"laws": {"lqr": {"position_m": "near"}}}, "lqr.position_m: Input should be a valid number"),
+        ({"laws": {"pid": {}}}, "no law is called 'pid'"),
+        ({"reference_filter": {"share": 0.0}}, "greater than 0"),
+    ],
+)
+def test_a_wrong_configuration_is_refused_in_a_line(section: dict[str, object], says: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(says)) as refused:
+        parse(ControllerConfig, section, Path("my.toml"), "controller")
+    assert "\n" not in str(refused.value)
+
+
+def test_a_law_that_is_not_allowed_is_refused() -> None:
+    yaw = DegreeOfFreedom(1.0, 8.0, 0.0)  # 8 / 1 > 5.9 at w0 = 0.5, thesis (8.23)
+    vessel = replace(PLADYPOS, model=replace(PLADYPOS.model, yaw=yaw))
+    with pytest.raises(ConfigError, match=re.escape("controller.laws.ipd: not stable with drag 20 % too high")):
+        Controller(ControllerConfig(), vessel)
+    Controller(ControllerConfig(laws={"ipd": {"w0_rad_s": 0.8}}), vessel)
+
+
+@pytest.mark.parametrize("positioning", ["ipd", "lqr", "p_d"])
+def test_every_law_holds_in_the_whole_star(positioning: str) -> None:
+    star = build_star(
+        simulator={"current_x_m_s": 0.04, "current_y_m_s": 0.03, "current_std_m_s": 0.005},
+        controller={"positioning": positioning},
+    )
+    star.hold(2.5, 1.875, 0.5)
+    star.bus.run_for(25.0)
+    since_s = star.bus.now_s
+    star.bus.run_for(20.0)
+    distance_m, angle_rad = star.rms_error(2.5, 1.875, 0.5, since_s)
+    assert distance_m < 2e-3
+    assert math.degrees(angle_rad) < 0.2
