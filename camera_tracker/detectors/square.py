@@ -39,7 +39,7 @@ _MIN_SIDE_PX = 7
 _MAX_CANDIDATES = 150
 _BLOCK_PX, _BELOW, _DEPTH = 25, 8, 16
 """Adaptive threshold: darker than the mean of a block by so many grey levels, and somewhere by so many."""
-_REACH_MODULES = 0.75
+_REACH_MODULES = 0.7
 _GOOD_CONTRAST = 40.0
 _BENT_PX = 0.15
 """An edge that is bent by this much is not seen as it is: the pose errs by 0.3 px then (benchmarks/tracker.py)."""
