@@ -42,7 +42,7 @@ def _rays(lens: Lens) -> Array:
     return np.hstack([flat, np.ones((len(flat), 1))])
 
 
-def seen_flat(plan: Image, px_per_m: float, pose: Array, lens: Lens, noise_std: float = 4.0, seed: int = 0) -> Image:
+def seen_flat(plan: Image, px_per_m: float, pose: Array, lens: Lens, *, noise_std: float = 4.0, seed: int = 0) -> Image:
     """Return a plane with a picture on it (upper left at the origin) as seen through a lens from a pose (6,)."""
     rotation = np.asarray(cv2.Rodrigues(pose[:3])[0], np.float64)
     homography = np.linalg.inv(np.column_stack([rotation[:, 0], rotation[:, 1], pose[3:]]))

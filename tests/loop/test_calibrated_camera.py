@@ -44,7 +44,7 @@ def camera_file(tmp_path: Path) -> Path:
     known = np.array([(0.5, 0.5), (4.5, 0.5), (4.5, 3.2), (0.5, 3.2), (2.5, 1.9), (1.5, 2.8)])
     seen = project(np.hstack([known, np.zeros((6, 1))]), POSE, LENS.parameters)[0]
     points = [
-        Reference(str(i), *m, 0.0, *px) for i, (m, px) in enumerate(zip(known.tolist(), seen.tolist(), strict=True))
+        Reference(str(i), m[0], m[1], 0.0, px[0], px[1]) for i, (m, px) in enumerate(zip(known, seen, strict=True))
     ]
     path = tmp_path / "camera.json"
     path.write_text(CameraFile(lens=LENS, placement=place_camera(LENS, points)).model_dump_json())

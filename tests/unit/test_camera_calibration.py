@@ -27,7 +27,7 @@ POSES = [looking((*tilt, 0.1 * i), place, 0.36) for i, (tilt, place) in enumerat
 GRID = np.array([(x * 0.03, y * 0.03, 0.0) for y in range(1, 6) for x in range(1, 9)], np.float32)
 
 
-def views(std_px: float = 0.1, seed: int = 0, poses: list[np.ndarray] = POSES) -> list[View]:  # type: ignore[type-arg]
+def views(std_px: float = 0.1, seed: int = 0, poses: list[np.ndarray] = POSES) -> list[View]:
     random = np.random.default_rng(seed)
     made = []
     for i, pose in enumerate(poses):
@@ -126,10 +126,9 @@ def test_pictures_that_are_all_alike_are_refused() -> None:
 
 
 def test_a_wrong_board_is_refused_with_the_worst_picture() -> None:
-    bent = [
-        replace(v, board_m=v.board_m * np.array([1.0, 1.05, 1.0], np.float32) + 0.002 * np.sin(900 * v.board_m))
-        for v in views()
-    ]
+    longer = np.array([1.0, 1.05, 1.0], np.float32)
+    wavy = [v.board_m * longer + np.float32(0.002) * np.sin(900 * v.board_m) for v in views()]
+    bent = [replace(v, board_m=w.astype(np.float32)) for v, w in zip(views(), wavy, strict=True)]
     with pytest.raises(CalibrationError, match=r"reprojection error is .*worst: \d"):
         calibrate(bent, SIZE)
 

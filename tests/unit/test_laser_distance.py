@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from camera_tracker.calibration import CalibrationError
 from camera_tracker.laser.dots import REGION_PX, DotTracker
-from camera_tracker.laser.ranging import VIDEORAY_LEFT, VIDEORAY_RIGHT, LaserModule, fit_curve
+from camera_tracker.laser.ranging import VIDEORAY_LEFT, VIDEORAY_RIGHT, LaserCurve, LaserModule, fit_curve
 from camera_tracker.laser.wall import wall_picture
 from services.cli.errors import CliError
 from services.cli.laser import app
@@ -56,8 +56,8 @@ def test_3_7_and_3_8_turn_lengths_into_distance_and_angle(angle_deg: float) -> N
 
 
 @pytest.mark.parametrize("curve", [VIDEORAY_LEFT, VIDEORAY_RIGHT], ids=["left", "right"])
-def test_the_thesis_own_calibration_points_give_its_curve_back(curve: object) -> None:
-    x_px = np.array([curve.x_px(length) for length in DISTANCES_M])  # type: ignore[attr-defined]
+def test_the_thesis_own_calibration_points_give_its_curve_back(curve: LaserCurve) -> None:
+    x_px = np.array([curve.x_px(length) for length in DISTANCES_M])
     fitted, rms_m = fit_curve(x_px, DISTANCES_M)
     assert rms_m < 1e-5
     for name in ("a_m", "b_per_px", "c_m", "d_per_px"):
@@ -80,7 +80,7 @@ def test_a_fit_to_noisy_points_stays_within_the_noise() -> None:
         (np.arange(50.0, 60.0), np.arange(0.1, 1.05, 0.1), "misses the points"),
     ],
 )
-def test_points_that_no_curve_fits_are_refused(x_px: np.ndarray, length_m: np.ndarray, reason: str) -> None:  # type: ignore[type-arg]
+def test_points_that_no_curve_fits_are_refused(x_px: np.ndarray, length_m: np.ndarray, reason: str) -> None:
     with pytest.raises(CalibrationError, match=reason):
         fit_curve(x_px, length_m)
 

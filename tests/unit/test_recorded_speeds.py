@@ -19,7 +19,7 @@ from services.cli.errors import CliError
 RADIUS_M, RATE_RAD_S = 0.8, 0.4
 
 
-def circle(times_s: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+def circle(times_s: np.ndarray) -> np.ndarray:
     """Poses on a circle: surge 0.32 m/s, no sway, yaw rate 0.4 rad/s; psi wraps."""
     psi = RATE_RAD_S * times_s
     return np.stack([RADIUS_M * np.sin(psi), -RADIUS_M * np.cos(psi), np.remainder(psi + math.pi, math.tau) - math.pi])
