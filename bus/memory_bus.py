@@ -32,6 +32,7 @@ class MemoryBus:
         self._ready: dict[str, None] = {}  # in order, each once
         self._readers: dict[str, list[tuple[str, Input[Any]]]] = {}
         self._raw_readers: list[tuple[str, RawInput]] = []
+        self._routes: dict[str, list[tuple[str, Input[Any]]]] = {}
         self._last: dict[str, tuple[Topic[Any], Message]] = {}
         self._taps: dict[str, list[Callable[[Any], None]]] = {}
         self._due: list[tuple[int, int, str]] = []
@@ -49,6 +50,7 @@ class MemoryBus:
             self.kill(service.name)
         stepper = Stepper(service, self._send, lambda: 0.0)
         self._steppers[service.name] = stepper
+        self._routes.clear()
         for port in service.inputs:
             self._readers.setdefault(port.topic.pattern, []).append((service.name, port))
             retained = self._last.get(port.topic.key)
@@ -67,6 +69,7 @@ class MemoryBus:
         del self._steppers[name]
         self._ready.pop(name, None)
         self._paused.discard(name)
+        self._routes.clear()
         self._readers = {k: [r for r in v if id(r[1]) not in ports] for k, v in self._readers.items()}
         self._raw_readers = [r for r in self._raw_readers if id(r[1]) not in ports]
 
@@ -175,9 +178,11 @@ class MemoryBus:
             callback(message)
 
     def _readers_of(self, key: str) -> list[tuple[str, Input[Any]]]:
-        found = self._readers.get(key, [])
-        patterns = [p for p in self._readers if is_pattern(p) and matches(p, key)]
-        return found + [reader for p in patterns for reader in self._readers[p]] if patterns else found
+        known = self._routes.get(key)
+        if known is None:  # worked out once for each key, until a service comes or goes
+            patterns = [p for p in self._readers if p == key or (is_pattern(p) and matches(p, key))]
+            known = self._routes[key] = [reader for p in patterns for reader in self._readers[p]]
+        return known
 
     def _offer_all_retained(self, port: Input[Any]) -> None:
         for key, (topic, message) in self._last.items():

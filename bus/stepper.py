@@ -77,6 +77,8 @@ class Stepper:
 
     def next_ns(self, now_ns: int) -> int:
         """Return when the next step is due: after the period, or before that for an input whose interval is over."""
+        if not self._choosy:
+            return self.due_ns
         return min([self.due_ns, *(at for port in self._choosy if (at := port.due_ns(now_ns)) is not None)])
 
     def _schedule(self, now_ns: int) -> None:
