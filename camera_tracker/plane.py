@@ -85,11 +85,11 @@ def place_camera(lens: Lens, points: Sequence[Reference], *, std_px: float = 0.2
     if spread[1] < 0.1 * spread[0]:
         raise CalibrationError("the points lie on one line: spread them over the pool")
     fit = _fit(lens, points, std_px, std_m)
-    _refuse_mistakes(fit, lens, points, std_px, std_m)
     if fit.placement.camera_m[2] >= 0.0:
         raise CalibrationError(
             "by these points the camera is under water: measure x to the right and y downwards as the picture shows it"
         )
+    _refuse_mistakes(fit, lens, points, std_px, std_m)
     return fit.placement
 
 
