@@ -1,9 +1,12 @@
 """Identification by projection on the first harmonic, without the assumption that the oscillation is a sine.
 
-The formulas of thesis Table 6.3 take the drag of a pure sine; a relay drives no pure sine, and drag is off by up to 25
-% (docs/errata.md). Here the model alpha eta'' + beta(nu) nu = tau + Delta is multiplied by exp(-j omega t) and
-integrated over whole periods of the *measured* tau and eta; the drag term is built from the measured harmonics of eta.
-The balance of the first harmonic then holds exactly, for any periodic tau: relay, zig-zag, sine.
+The formulas of thesis Table 6.3 take the drag of a pure sine; a relay drives no pure sine, and drag is off by up to
+25 % (docs/errata.md). Here the model alpha eta'' + beta(nu) nu = tau + Delta is multiplied by w(t) exp(-j k omega t)
+and integrated over whole periods of the *measured* tau and eta; the drag term is built from the measured harmonics of
+eta. That balance holds for any periodic tau: relay, zig-zag, sine.
+
+w is a Hann window over two periods: for a periodic motion it changes nothing (harmonics stay orthogonal), and where the
+motion has not settled or drifts it removes the boundary terms, since eta'' is integrated by parts.
 """
 
 from __future__ import annotations
@@ -12,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marine.identification.checks import sampled, saturated
-from marine.identification.oscillation import NDArrayInt, whole_periods
+from marine.identification.oscillation import whole_periods
 from marine.identification.result import (
     Axis,
     DataUsed,
@@ -26,47 +29,24 @@ from marine.identification.result import (
     require_physical,
 )
 
-HARMONICS = 11
-"""Harmonics of eta that the drag is built from; odd ones fall with the third power of their order."""
-_PHASES = 128
+HARMONICS = 9
+"""Harmonics of eta that the velocity is built from; a relay's wave has little beyond."""
 
 ComplexArray = NDArray[np.complex128]
 
 
-def coefficients(y: FloatArray, starts: NDArrayInt, orders: int, *, held: bool) -> ComplexArray:
-    """Return the complex Fourier coefficients of each period, shape (periods, orders + 1).
+def velocity(eta: FloatArray, dt_s: float, periods: int) -> FloatArray:
+    """Return nu of a record of whole periods from its first harmonics (Fourier series), shape (n,).
 
-    y = Re sum c_k exp(j k phase), shape (n,); starts: first sample of each period and the end of the last.
-    held: y is held from one sample to the next (a command) and not a sampled curve. c_0 is the mean.
+    eta: shape (n,), unwrapped. The straight line between the ends is taken out first, so that a drift is no jump.
     """
-    lengths = np.diff(starts)
-    index = np.arange(starts[0], starts[-1])
-    length = np.repeat(lengths, lengths)
-    step = np.exp(-2j * np.pi * (index - np.repeat(starts[:-1], lengths)) / length)
-    part = y[starts[0] : starts[-1]].astype(complex)
-    out = np.empty((len(lengths), orders + 1), dtype=complex)
-    for k in range(orders + 1):
-        out[:, k] = np.add.reduceat(part, starts[:-1] - starts[0]) * (2.0 if k else 1.0) / lengths
-        part *= step
-        if held and k:
-            turn = 2j * np.pi * k / lengths
-            out[:, k] *= (1.0 - np.exp(-turn)) / turn
+    n = len(eta)
+    slope = (eta[-1] - eta[0]) / (n - 1)
+    spectrum = np.fft.rfft(eta - eta[0] - slope * np.arange(n))
+    spectrum[HARMONICS * periods + 1 :] = 0.0
+    line = 2j * np.pi * np.arange(len(spectrum)) / (n * dt_s)
+    out: FloatArray = np.fft.irfft(line * spectrum, n) + slope / dt_s
     return out
-
-
-def velocity_wave(eta: ComplexArray, omega: FloatArray) -> FloatArray:
-    """Return nu over one period from harmonics of eta, shape (periods, 128)."""
-    k = np.arange(eta.shape[1])
-    phase = np.exp(2j * np.pi * np.outer(k, np.arange(_PHASES) / _PHASES))
-    out: FloatArray = ((1j * omega[:, None] * k * eta) @ phase).real
-    return out
-
-
-def mean_quadratic(eta: FloatArray, starts: NDArrayInt, dt_s: float) -> float:
-    """Return the mean of |nu| nu over whole periods of a position: what drag takes out of a biased oscillation."""
-    c = coefficients(eta, starts, HARMONICS, held=False).mean(axis=0, keepdims=True)
-    nu = velocity_wave(c, np.array([2.0 * np.pi / (float(np.mean(np.diff(starts))) * dt_s)]))
-    return float(np.mean(np.abs(nu) * nu))
 
 
 def project(
@@ -83,58 +63,89 @@ def project(
 
     t_s, eta (unwrapped), tau: shape (n,); tau[k] acts from t[k] + delay_s to t[k+1] + delay_s. delay_s: known delay of
     the whole loop from tau to the measured eta. drag "both" adds the third harmonic, which needs a clean eta. Standard
-    deviations come from the single periods.
+    deviations come from pairs of periods (nan for fewer than three pairs).
     """
     dt_s = sampled(t_s, axis, eta=eta, tau=tau)
     starts = whole_periods(np.asarray(tau, dtype=float))
-    lengths = np.diff(starts)
-    if np.min(lengths) < 8:
-        raise IdentificationError(f"{np.min(lengths)} samples a period are too few: sample at least 8 times a period")
-    # one period is not measured to better than a sample, all of them together are: the mean has the exact balance
-    eta_k = coefficients(np.asarray(eta, dtype=float), starts, HARMONICS, held=False)
-    tau_k = coefficients(np.asarray(tau, dtype=float), starts, 3, held=True)
-    omega = 2.0 * np.pi / (lengths * dt_s)
-    mean_omega = np.array([2.0 * np.pi / (float(np.mean(lengths)) * dt_s)])
+    n, first, last = len(starts) - 1, int(starts[0]), int(starts[-1])
+    if last - first < 8 * n:
+        raise IdentificationError(
+            f"{(last - first) // n} samples a period are too few: sample at least 8 times a period"
+        )
+    balance = _Balance(n, (last - first) * dt_s)
+    time = np.arange(last - first) * dt_s
+    nu = velocity(np.asarray(eta[first:last], dtype=float), dt_s, n)
+    terms = {"constant": [nu], "linear": [np.abs(nu) * nu], "both": [nu, np.abs(nu) * nu]}[drag]
+    acts = (np.arange(len(tau)) - first + 0.5) * dt_s + delay_s  # tau is held: it acts around the middle of its sample
+    position = np.asarray(eta[first:last], dtype=float) - np.mean(eta[first:last])
+    rows, right = [], []
+    for k in (0, 1, 3) if drag == "both" else (0, 1):
+        held = np.sinc(k / (last - first) * n)
+        columns = [balance.integral(time, term, k) for term in terms]
+        columns += [balance.integral(time, position, k, derivative=2), -balance.integral(time, np.ones_like(nu), k)]
+        force = balance.integral(acts, np.asarray(tau, dtype=float), k) * held
+        parts = ("real",) if k == 0 else ("real", "imag")
+        rows += [np.stack([getattr(c, part) for c in columns], axis=1) for part in parts]
+        right += [getattr(force, part) for part in parts]
+    phi, y = np.stack(rows, axis=1), np.stack(right, axis=1)
     names = (*drag_of(drag), "alpha", "delta")
-    (whole,) = _balance(_mean(eta_k), _mean(tau_k), mean_omega, drag, delay_s)
-    values = {n: float(whole[names.index(n)]) for n in ("alpha", *names[:-2], "delta")}
+    whole = np.linalg.lstsq(phi.sum(axis=0), y.sum(axis=0), rcond=None)[0]
+    values = {name: float(whole[names.index(name)]) for name in ("alpha", *names[:-2], "delta")}
     require_physical(values, "record more oscillations")
-    single = _balance(eta_k, tau_k, omega, drag, delay_s)
-    spread = np.std(single, axis=0, ddof=1) / np.sqrt(len(single))
+    single = (np.linalg.pinv(phi) @ y[:, :, None])[:, :, 0]
+    enough = len(single) > 2
+    spread = np.std(single, axis=0, ddof=1) / np.sqrt(len(single)) if enough else np.full(len(names), np.nan)
     warnings = drag_warnings(values) + saturated(np.asarray(tau), tau_limit)
-    if len(lengths) < 5:
-        warnings += (f"only {len(lengths)} whole oscillations: standard deviations are rough",)
+    if n < 5:
+        warnings += (f"only {n} whole oscillations (the thesis takes 5)",)
     return Identified(
         method="projection on the first harmonic",
         model=f"{drag} drag",
-        parameters=parameters(axis, values, {n: float(spread[names.index(n)]) for n in values}),
-        data=DataUsed(int(starts[-1] - starts[0]), float((starts[-1] - starts[0]) * dt_s), len(lengths), "periods"),
+        parameters=parameters(axis, values, {name: float(spread[names.index(name)]) for name in values}),
+        data=DataUsed(last - first, (last - first) * dt_s, n, "periods"),
         citation="thesis (6.33), first harmonic without (6.41)'s sine; docs/errata.md",
         warnings=warnings,
-        residuals=single[:, names.index("alpha")] - values["alpha"],
-        residual_unit="kg" if axis == "linear" else "kg m^2",
+        residuals=(y - (phi @ whole)).ravel(),
+        residual_unit="N" if axis == "linear" else "Nm",
     )
 
 
-def _mean(c: ComplexArray) -> ComplexArray:
-    mean: ComplexArray = c.mean(axis=0, keepdims=True)
-    return mean
+class _Balance:
+    """Integrals over Hann windows of two periods each, one starting every period."""
 
+    def __init__(self, periods: int, duration_s: float) -> None:
+        self.periods, self.duration_s = periods, duration_s
 
-def _balance(eta: ComplexArray, tau: ComplexArray, omega: FloatArray, drag: Drag, delay_s: float) -> FloatArray:
-    """Return [drag.., alpha, delta] for each row of coefficients, shape (periods, p)."""
-    nu = velocity_wave(eta, omega)
-    terms = {"constant": [nu], "linear": [np.abs(nu) * nu], "both": [nu, np.abs(nu) * nu]}[drag]
-    spectra = [np.fft.rfft(term, axis=1) * 2.0 / _PHASES for term in terms]
-    orders = (1, 3) if drag == "both" else (1,)
-    rows, right = [], []
-    for k in orders:
-        jw = 1j * k * omega
-        force = tau[:, k] * np.exp(-jw * delay_s)
-        columns = np.stack([*(s[:, k] for s in spectra), jw**2 * eta[:, k]], axis=1)
-        rows += [columns.real, columns.imag]
-        right += [force.real, force.imag]
-    phi, y = np.stack(rows, axis=1), np.stack(right, axis=1)
-    theta = (np.linalg.pinv(phi) @ y[:, :, None])[:, :, 0]
-    mean_drag = sum(theta[:, i] * np.mean(term, axis=1) for i, term in enumerate(terms))
-    return np.column_stack([theta, mean_drag - tau[:, 0].real])
+    def integral(self, time: FloatArray, y: FloatArray, k: int, derivative: int = 0) -> ComplexArray:
+        """Return the mean of y^(derivative) w exp(-j k omega t) over each window, shape (periods - 1,).
+
+        time: s from the beginning of the first period, equally spaced; y: shape (n,). A second derivative (the only one
+        that is needed) is moved to the window: (w exp)'' = (w'' - 2 j k omega w' - (k omega)^2 w) exp.
+        """
+        period = self.duration_s / self.periods
+        at = time / period
+        inside = (at >= 0.0) & (at < self.periods)
+        at, y = at[inside], y[inside]
+        number = np.minimum(at.astype(int), self.periods - 1)
+        s = np.pi * (at - number)
+        carrier = y * np.exp(-2j * np.pi * k * at)
+        rise, slope, bend = (
+            0.5 * (1.0 - np.cos(s)),
+            0.5 * np.pi / period * np.sin(s),
+            0.5 * (np.pi / period) ** 2 * np.cos(s),
+        )
+        omega = 2.0 * np.pi * k / period
+        if derivative == 2:
+            up = bend - 2j * omega * slope - omega**2 * rise
+            down = -bend + 2j * omega * slope - omega**2 * (1.0 - rise)
+        else:
+            up, down = rise.astype(complex), (1.0 - rise).astype(complex)
+        sums = [self._sum(number, carrier * part) for part in (up, down)]
+        step = float(time[1] - time[0])
+        mean: ComplexArray = (sums[0][:-1] + sums[1][1:]) * step / period
+        return mean
+
+    def _sum(self, number: NDArray[np.intp], values: ComplexArray) -> ComplexArray:
+        parts = [np.bincount(number, weights=x, minlength=self.periods) for x in (values.real, values.imag)]
+        total: ComplexArray = parts[0] + 1j * parts[1]
+        return total

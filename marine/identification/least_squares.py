@@ -77,7 +77,7 @@ def uncoupled(
     t_s, tau, nu, eta: shape (n,); tau[k] acts from t[k] to t[k+1]. Give the velocity nu, or only the position or
     heading eta (unwrapped), from which nu is then the difference quotient. window_s: None for Euler's differences as
     in the thesis; a time for integrals: both sides are weighted with a smooth window of this length and integrated by
-    parts (modulating functions), so that nothing is differentiated. Take half the time between changes of tau.
+    parts (modulating functions), so that nothing is differentiated. Take a third of the time between changes of tau.
     delay_s: known delay from tau to motion. tau_limit: the actuators' limit, for a warning.
     """
     signals = {"tau": tau} | ({} if nu is None else {"nu": nu}) | ({} if eta is None else {"eta": eta})
@@ -229,12 +229,12 @@ def _integrals(
     half = max(2, round(window_s / dt_s / 2))
     if len(tau) < 6 * half:
         raise IdentificationError(f"{len(tau) * dt_s:.1f} s are too short for windows of {window_s:g} s")
-    s = np.arange(-half, half + 1) / half
-    width = half * dt_s
-    norm = dt_s / (width * 32.0 / 35.0)  # the integral of phi over its window is 1
-    phi = norm * (1.0 - s**2) ** 3
-    phi_1 = norm * -6.0 * s * (1.0 - s**2) ** 2 / width
-    phi_2 = norm * (-6.0 * (1.0 - s**2) ** 2 + 24.0 * s**2 * (1.0 - s**2)) / width**2
+    phi = (1.0 - (np.arange(-half, half + 1) / half) ** 2) ** 3
+    phi /= np.sum(phi)
+    # differences of the sampled window, not samples of its derivatives: constants and straight lines cancel exactly
+    padded = np.concatenate([[0.0], phi, [0.0]])
+    phi_1 = (padded[2:] - padded[:-2]) / (2.0 * dt_s)
+    phi_2 = (padded[2:] - 2.0 * phi + padded[:-2]) / dt_s**2
 
     def weighted(x: FloatArray, kernel: FloatArray) -> FloatArray:
         out: FloatArray = fftconvolve(x, kernel[::-1], mode="valid")

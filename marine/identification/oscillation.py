@@ -70,7 +70,7 @@ def measure(
             "use the projection on harmonics or least squares"
         )
     e = reference - np.asarray(eta, dtype=float)
-    up, periods = _starts(tau)
+    up = _enough(upward(tau))
     down = upward(-tau)
     down = down[(down > up[0]) & (down < up[-1])]
     e_up, e_down = e[up], e[down]
@@ -85,26 +85,26 @@ def measure(
         omega=float(2.0 * np.pi / np.mean(T)),
         x_0=0.5 * float(np.mean(top) + np.mean(bottom)),
         duty=float(np.mean(np.sign(tau[up[0] : up[-1]] - middle))),
-        periods=periods,
+        periods=len(up) - 1,
     )
     if axis == "angular" and found.X_m > np.pi:
         raise IdentificationError("the heading oscillates by more than half a turn: were degrees given for radians?")
     return found, _judge(found, top, bottom, T, dt_s)
 
 
-def _starts(tau: FloatArray) -> tuple[NDArrayInt, int]:
-    up = upward(tau)
-    periods = len(up) - 1
-    if periods < FEWEST:
-        raise IdentificationError(
-            f"{max(periods, 0)} whole oscillations are too few: record {FEWEST} at least, better 5"
-        )
-    return up, periods
-
-
 def whole_periods(tau: FloatArray) -> NDArrayInt:
-    """Return the samples at which the periods of tau begin, the end of the last one included, shape (periods + 1,)."""
-    return _starts(tau)[0]
+    """Return the samples at which the periods of tau begin, the end of the last one included, shape (periods + 1,).
+
+    Counted from switches up or from switches down, whichever gives more periods.
+    """
+    return _enough(max(upward(tau), upward(-tau), key=len))
+
+
+def _enough(starts: NDArrayInt) -> NDArrayInt:
+    periods = max(len(starts) - 1, 0)
+    if periods < FEWEST:
+        raise IdentificationError(f"{periods} whole oscillations are too few: record {FEWEST} at least, better 5")
+    return starts
 
 
 def _judge(found: Oscillation, top: FloatArray, bottom: FloatArray, T: FloatArray, dt_s: float) -> tuple[str, ...]:

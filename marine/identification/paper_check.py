@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from math import log, pi, radians
 
 import numpy as np
@@ -57,6 +58,7 @@ class Table:
         return max(row.relative_error for row in self.rows)
 
 
+@cache
 def tables() -> tuple[Table, ...]:
     """Return all tables that can be computed from what is printed."""
     return (

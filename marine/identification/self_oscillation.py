@@ -8,7 +8,7 @@ import numpy as np
 
 from marine.identification.checks import saturated
 from marine.identification.describing_function import relay, type_k, with_delay
-from marine.identification.harmonic import mean_quadratic
+from marine.identification.harmonic import velocity
 from marine.identification.oscillation import Oscillation, measure, whole_periods
 from marine.identification.result import (
     Axis,
@@ -63,9 +63,11 @@ def from_record(
     require_physical(values, "is the delay right, and is this a self-oscillation?")
     starts = whole_periods(np.asarray(tau, dtype=float))
     dt_s = float(t_s[-1] - t_s[0]) / (len(t_s) - 1)
-    delta = -float(np.mean(tau[starts[0] : starts[-1]]))
+    whole = slice(starts[0], starts[-1])
+    delta = -float(np.mean(tau[whole]))
     if drag == "linear":
-        delta += values[name] * mean_quadratic(np.asarray(eta, dtype=float), starts, dt_s)
+        nu = velocity(np.asarray(eta, dtype=float)[whole], dt_s, len(starts) - 1)
+        delta += values[name] * float(np.mean(np.abs(nu) * nu))
     return Identified(
         method="self-oscillation, describing function",
         model=f"{drag} drag",

@@ -6,11 +6,12 @@ position or heading is. `drag` is "constant" (linear model) or "linear" (nonline
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from math import copysign, exp, log, sqrt, tanh
 
 import numpy as np
-from scipy.optimize import curve_fit
+from scipy.optimize import OptimizeWarning, curve_fit
 
 from marine.identification.checks import sampled, saturated
 from marine.identification.result import (
@@ -95,9 +96,9 @@ def type_0(
     T_s = _first_crossing(t_s, np.asarray(nu, dtype=float), level)
     alpha, beta = from_type_0(tau, nu_ss, T_s, drag)
     residuals = nu - velocity_response(np.asarray(t_s), tau, alpha, beta, drag)
-    warnings = _not_steady(t_s, nu, T_s, drag) + saturated(np.array([tau]), tau_limit)
+    marks = _not_steady(t_s, nu, T_s, drag) + saturated(np.array([tau]), tau_limit)
     return _result(
-        "step response, Type 0", drag, axis, (alpha, beta), t=t_s, residuals=residuals, warnings=warnings, velocity=True
+        "step response, Type 0", drag, axis, (alpha, beta), t=t_s, residuals=residuals, marks=marks, velocity=True
     )
 
 
@@ -123,7 +124,7 @@ def type_1(
     require_physical({"alpha": alpha}, "the velocity error has the wrong sign: record from the step on")
     residuals = eta - position_response(np.asarray(t_s), tau, alpha, beta, drag, eta_0=float(eta[0]))
     T_s = time_constant(tau, alpha, beta, drag)
-    warnings = _ends_early(t_s, T_s, drag) + saturated(np.array([tau]), tau_limit)
+    marks = _ends_early(t_s, T_s, drag) + saturated(np.array([tau]), tau_limit)
     return _result(
         "step response, Type 1",
         drag,
@@ -131,7 +132,7 @@ def type_1(
         (alpha, beta),
         t=t_s,
         residuals=residuals,
-        warnings=warnings,
+        marks=marks,
         velocity=False,
     )
 
@@ -162,12 +163,12 @@ def fit_response(
             return _travel(t, nu_ss, T, eta_0[0], drag)
         return nu_ss * (-np.expm1(-t / T) if drag == "constant" else np.tanh(t / T))
 
-    start = [float(np.mean(np.gradient(y, t)[-len(t) // 4 :])), log(t[-1] / 3.0), float(y[0])]
-    if eta is None:
-        start = [float(np.mean(y[-len(t) // 4 :])), log(t[-1] / 3.0)]
+    start = _start(t, y, drag, velocity=eta is None)
     _require_sign(tau, start[0])
     try:
-        best, covariance = curve_fit(model, t, y, start, maxfev=2000)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", OptimizeWarning)  # data without any noise have no covariance
+            best, covariance = curve_fit(model, t, y, start, maxfev=500)
     except RuntimeError:
         raise IdentificationError("no response to a step can be fitted: is t = 0 the step, and tau constant?") from None
     nu_ss, T_s = float(best[0]), exp(float(best[1]))
@@ -175,8 +176,9 @@ def fit_response(
     # alpha = T |tau| / |nu_ss|, beta = |tau| / |nu_ss|^p: relative errors add with these weights
     p = 1.0 if drag == "constant" else 2.0
     relative = np.array([[-1.0 / nu_ss, 1.0], [-p / nu_ss, 0.0]])
-    spread = np.sqrt(np.diag(relative @ covariance[:2, :2] @ relative.T))
-    warnings = _ends_early(t, T_s, drag) + saturated(np.array([tau]), tau_limit)
+    known = np.isfinite(covariance).all()
+    spread = np.sqrt(np.diag(relative @ covariance[:2, :2] @ relative.T)) if known else np.zeros(2)
+    marks = _ends_early(t, T_s, drag) + saturated(np.array([tau]), tau_limit)
     return _result(
         "step response, whole fit",
         drag,
@@ -184,7 +186,7 @@ def fit_response(
         (alpha, beta),
         t=t,
         residuals=y - model(t, *best),
-        warnings=warnings,
+        marks=marks,
         velocity=eta is None,
         stds=(alpha * float(spread[0]), beta * float(spread[1])),
     )
@@ -198,7 +200,7 @@ def together(runs: Sequence[Identified]) -> Identified:
     if any((r.method, r.model) != (first.method, first.model) for r in runs):
         raise IdentificationError("runs of different methods or models have no common mean")
     summary = {p.name: mean_and_std(np.array([r[p.name] for r in runs])) for p in first.parameters}
-    warnings = tuple(f"run {i}: {w}" for i, r in enumerate(runs, 1) for w in r.warnings)
+    marks = tuple(f"run {i}: {w}" for i, r in enumerate(runs, 1) for w in r.warnings)
     axis: Axis = "linear" if first.parameter("alpha").unit == "kg" else "angular"
     return Identified(
         method=f"{first.method}, {len(runs)} runs",
@@ -206,7 +208,7 @@ def together(runs: Sequence[Identified]) -> Identified:
         parameters=parameters(axis, {n: m for n, (m, _) in summary.items()}, {n: s for n, (_, s) in summary.items()}),
         data=DataUsed(sum(r.data.samples for r in runs), sum(r.data.duration_s for r in runs), len(runs), "runs"),
         citation=first.citation,
-        warnings=warnings,
+        warnings=marks,
         residuals=np.concatenate([r.residuals for r in runs]),
         residual_unit=first.residual_unit,
     )
@@ -221,6 +223,17 @@ def equal(one: Identified, other: Identified, name: str) -> tuple[float, float]:
     a, b = one.parameter(name), other.parameter(name)
     error = sqrt(a.std**2 / one.data.pieces + b.std**2 / other.data.pieces)
     return 200.0 * (a.value - b.value) / (a.value + b.value), abs(a.value - b.value) / error
+
+
+def _start(t: FloatArray, y: FloatArray, drag: Drag, *, velocity: bool) -> list[float]:
+    """Return [nu_ss, log T] of a velocity or [nu_ss, log T, eta_0] of a position to begin a fit with."""
+    last = slice(2 * len(t) // 3, None)
+    if velocity:
+        nu_ss = float(np.mean(y[last]))
+        return [nu_ss, log(float(t[int(np.argmax(y / nu_ss >= 0.7))] - t[0]) + float(t[1] - t[0]))]
+    k_ss, eps_v = (float(x) for x in np.polyfit(t[last], y[last], 1))
+    T = (float(y[0]) - eps_v) / k_ss if k_ss else 0.0
+    return [k_ss, log(max(T if drag == "constant" else T / log(2.0), 2.0 * float(t[1] - t[0]))), float(y[0])]
 
 
 def _travel(t: FloatArray, nu_ss: float, T: float, eta_0: float, drag: Drag) -> FloatArray:
@@ -276,7 +289,7 @@ def _result(
     *,
     t: FloatArray,
     residuals: FloatArray,
-    warnings: tuple[str, ...],
+    marks: tuple[str, ...],
     velocity: bool,
     stds: tuple[float, float] = (float("nan"), float("nan")),
 ) -> Identified:
@@ -288,7 +301,7 @@ def _result(
         parameters=parameters(axis, {"alpha": values[0], name: values[1]}, {"alpha": stds[0], name: stds[1]}),
         data=DataUsed(len(t), float(t[-1] - t[0]), 1, "runs"),
         citation="pladypos (5)-(10), thesis 4.3",
-        warnings=warnings,
+        warnings=marks,
         residuals=np.asarray(residuals, dtype=float),
         residual_unit=f"{length}/s" if velocity else length,
     )
