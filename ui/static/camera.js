@@ -72,7 +72,7 @@ export class CameraView {
     }
     const pose = this.store.fresh("camera/pose", 1);
     const status = this.store.get("camera/status");
-    const quality = pose ? `quality ${fixed(pose.quality, 2)}${pose.reason ? ` (${pose.reason})` : ""} · ${fixed(pose.psi_rad * DEG, 1)}°` : "no pose";
+    const quality = pose ? `quality ${fixed(pose.quality, 2)}${pose.reason ? ` (${pose.reason})` : ""} · ${fixed((pose.psi_image_rad ?? pose.psi_rad) * DEG, 1)}°` : "no pose";
     text(this.note, status ? `${quality} · ${fixed(status.rate_hz, 0)} Hz · ${fixed(status.latency_s * 1000, 1)} ms` : quality);
   }
 }
