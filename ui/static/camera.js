@@ -38,8 +38,10 @@ export class CameraView {
     for (let i = best; i >= 0 && i > frames.length - 60; i--)
       if (Math.abs(frames[i] - frame) < Math.abs(frames[best] - frame)) best = i;
     if (Math.abs(frames[best] - frame) > 3) return null;
-    const at = (path) => variable.series.get(path)[best];
-    return { x_px: at("x_px"), y_px: at("y_px"), psi_rad: at("psi_rad"), quality: at("quality") };
+    const at = (path) => variable.series.get(path)?.[best];
+    const inPicture = at("psi_image_rad"); // of a calibrated camera, which may look askew
+    const psi_rad = Number.isFinite(inPicture) ? inPicture : at("psi_rad");
+    return { x_px: at("x_px"), y_px: at("y_px"), psi_rad, quality: at("quality") };
   }
 
   drawPose(c, { x_px, y_px, psi_rad, quality }) {
@@ -72,7 +74,7 @@ export class CameraView {
     }
     const pose = this.store.fresh("camera/pose", 1);
     const status = this.store.get("camera/status");
-    const quality = pose ? `quality ${fixed(pose.quality, 2)}${pose.reason ? ` (${pose.reason})` : ""} · ${fixed((pose.psi_image_rad ?? pose.psi_rad) * DEG, 1)}°` : "no pose";
+    const quality = pose ? `quality ${fixed(pose.quality, 2)}${pose.reason ? ` (${pose.reason})` : ""} · ${fixed(pose.psi_rad * DEG, 1)}°` : "no pose";
     text(this.note, status ? `${quality} · ${fixed(status.rate_hz, 0)} Hz · ${fixed(status.latency_s * 1000, 1)} ms` : quality);
   }
 }
