@@ -72,22 +72,8 @@ def project(
         raise IdentificationError(
             f"{(last - first) // n} samples a period are too few: sample at least 8 times a period"
         )
-    balance = _Balance(n, (last - first) * dt_s)
-    time = np.arange(last - first) * dt_s
-    nu = velocity(np.asarray(eta[first:last], dtype=float), dt_s, n)
-    terms = {"constant": [nu], "linear": [np.abs(nu) * nu], "both": [nu, np.abs(nu) * nu]}[drag]
-    acts = (np.arange(len(tau)) - first + 0.5) * dt_s + delay_s  # tau is held: it acts around the middle of its sample
-    position = np.asarray(eta[first:last], dtype=float) - np.mean(eta[first:last])
-    rows, right = [], []
-    for k in (0, 1, 3) if drag == "both" else (0, 1):
-        held = np.sinc(k / (last - first) * n)
-        columns = [balance.integral(time, term, k) for term in terms]
-        columns += [balance.integral(time, position, k, derivative=2), -balance.integral(time, np.ones_like(nu), k)]
-        force = balance.integral(acts, np.asarray(tau, dtype=float), k) * held
-        parts = ("real",) if k == 0 else ("real", "imag")
-        rows += [np.stack([getattr(c, part) for c in columns], axis=1) for part in parts]
-        right += [getattr(force, part) for part in parts]
-    phi, y = np.stack(rows, axis=1), np.stack(right, axis=1)
+    eta, tau = np.asarray(eta, dtype=float), np.asarray(tau, dtype=float)
+    phi, y = _equations(eta, tau, (first, last, n), dt_s, delay_s=delay_s, drag=drag)
     names = (*drag_of(drag), "alpha", "delta")
     whole = np.linalg.lstsq(phi.sum(axis=0), y.sum(axis=0), rcond=None)[0]
     values = {name: float(whole[names.index(name)]) for name in ("alpha", *names[:-2], "delta")}
@@ -108,6 +94,29 @@ def project(
         residuals=(y - (phi @ whole)).ravel(),
         residual_unit="N" if axis == "linear" else "Nm",
     )
+
+
+def _equations(
+    eta: FloatArray, tau: FloatArray, span: tuple[int, int, int], dt_s: float, *, delay_s: float, drag: Drag
+) -> tuple[FloatArray, FloatArray]:
+    """Return (Phi, y) of each window, shapes (windows, m, p) and (windows, m): mean, first (and third) harmonic."""
+    first, last, n = span
+    balance = _Balance(n, (last - first) * dt_s)
+    time = np.arange(last - first, dtype=float) * dt_s
+    position = eta[first:last]
+    nu = velocity(position, dt_s, n)
+    terms = {"constant": [nu], "linear": [np.abs(nu) * nu], "both": [nu, np.abs(nu) * nu]}[drag]
+    acts = (np.arange(len(tau), dtype=float) - first + 0.5) * dt_s + delay_s  # the middle of the time tau is held
+    rows, right = [], []
+    for k in (0, 1, 3) if drag == "both" else (0, 1):
+        columns = [balance.integral(time, term, k) for term in terms]
+        columns.append(balance.integral(time, position - np.mean(position), k, derivative=2))
+        columns.append(-balance.integral(time, np.ones_like(nu), k))
+        force = balance.integral(acts, tau, k) * np.sinc(k * n / (last - first))  # held over a sample, not a point
+        left = np.stack(columns, axis=1)
+        rows += [left.real, left.imag] if k else [left.real]
+        right += [force.real, force.imag] if k else [force.real]
+    return np.stack(rows, axis=1), np.stack(right, axis=1)
 
 
 class _Balance:

@@ -8,6 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from marine.vessel import PaperUnits
+
 FloatArray = NDArray[np.float64]
 
 Axis = Literal["linear", "angular"]
@@ -78,6 +80,17 @@ class Identified:
     def warned(self, *warnings: str) -> Identified:
         """Return the same result with more warnings."""
         return replace(self, warnings=self.warnings + warnings)
+
+
+def in_paper_units(found: Identified, units: PaperUnits) -> dict[str, float]:
+    """Return the parameters of an uncoupled model in the units of a paper (pixels, normalised force...).
+
+    The way back from SI that compares with a printed table; velocities themselves are metric: m/s = px/s length_m.
+    """
+    linear = found.parameter("alpha").unit == "kg"
+    length, force = (units.length_m, units.force_n) if linear else (units.angle_rad, units.moment_nm)
+    powers = {"alpha": 1, "beta": 1, "beta_quadratic": 2, "delta": 0}
+    return {p.name: p.value * length ** powers[p.name] / force for p in found.parameters}
 
 
 def drag_of(drag: Drag) -> tuple[str, ...]:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from marine.identification import step
-from marine.identification.result import Drag, IdentificationError, Identified
+from marine.identification.result import Drag, IdentificationError, Identified, in_paper_units
+from marine.vessel import PaperUnits
 
 # PlaDyPos, surge, pladypos Table 2: pixels and normalised force
 ALPHA, BETA = 8.252, 0.0378
@@ -131,3 +132,15 @@ def test_refuses_what_is_no_step() -> None:
     with pytest.raises(IdentificationError, match="different methods"):
         step.together([step.type_0(T, nu, X), step.fit_response(T, X, nu=nu)])
     assert "saturated" in step.type_0(T, nu, X, tau_limit=X).warnings[0]
+
+
+def test_si_goes_back_to_the_units_of_pladypos_table_2() -> None:
+    """alpha_u 8.252 s^2/pix, beta_uu 0.0378 s^2/pix^2; alpha_r 87.68, beta_rr 48.83 in normalised moment and rad."""
+    units = PaperUnits(length_m=0.00625, force_n=0.02, moment_nm=0.006)
+    surge = (ALPHA * 0.02 / 0.00625, BETA * 0.02 / 0.00625**2)
+    metres = step.position_response(T, 2.0, *surge, "linear")
+    found = step.fit_response(T, 2.0, eta=metres)
+    assert in_paper_units(found, units) == pytest.approx({"alpha": 8.252, "beta_quadratic": 0.0378})
+    yaw = step.position_response(T, 0.3, 87.68 * 0.006, 48.83 * 0.006, "linear")
+    found = step.fit_response(T, 0.3, eta=yaw, axis="angular")
+    assert in_paper_units(found, units) == pytest.approx({"alpha": 87.68, "beta_quadratic": 48.83})
