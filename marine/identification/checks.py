@@ -69,6 +69,12 @@ def _require_radians(dt_s: float, signals: dict[str, FloatArray]) -> None:
         turned = np.abs(signals["eta"][lag:] - signals["eta"][:-lag])
         if np.max(turned) / max(lag * dt_s, 1.0) > _FASTEST_RAD_S:
             raise IdentificationError(f"the heading changes by {np.max(turned):.0f} rad in a second: {remedy}")
+        jumps = np.abs(np.diff(signals["eta"]))
+        if np.max(jumps) > np.pi:
+            where = int(np.argmax(jumps)) + 1
+            raise IdentificationError(
+                f"the heading jumps by {jumps[where - 1]:.2f} rad at sample {where}: use numpy.unwrap"
+            )
 
 
 def _require_agreement(dt_s: float, eta: FloatArray, nu: FloatArray, axis: Axis) -> None:

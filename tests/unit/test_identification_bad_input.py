@@ -98,6 +98,14 @@ def test_degrees_are_found_out(record: Record) -> None:
         self_oscillation.from_record(10.0 * t, np.degrees(eta), tau)
 
 
+def test_a_heading_that_wraps_is_refused(record: Record) -> None:
+    t, eta, _, tau = record
+    wrapped = (eta + 3.0 + np.pi) % (2.0 * np.pi) - np.pi
+    with pytest.raises(IdentificationError, match=r"jumps by 6\.\d+ rad at sample \d+: use numpy.unwrap"):
+        harmonic.project(t, wrapped, tau)
+    assert harmonic.project(t, np.unwrap(wrapped), tau)["alpha"] == pytest.approx(0.0304, rel=0.01)
+
+
 def test_a_wrong_sign_is_named(record: Record) -> None:
     t, eta, nu, tau = record
     with pytest.raises(IdentificationError, match="sign of tau or of the axis"):
