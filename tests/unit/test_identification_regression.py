@@ -219,6 +219,7 @@ def test_one_hour_at_100_hz_takes_a_second_each() -> None:
     eta = np.cumsum(nu) * 0.01
     eta -= 0.5 * (eta.max() + eta.min())
     rising = step.position_response(t, 0.08, VIDEORAY.alpha, VIDEORAY.beta_quadratic, "linear")
+    speed = step.velocity_response(t, 0.08, VIDEORAY.alpha, VIDEORAY.beta_quadratic, "linear")
     methods: dict[str, Callable[[], Identified | dict[str, Identified]]] = {
         "least squares": lambda: least_squares.uncoupled(t, tau, nu=nu),
         "least squares on integrals": lambda: least_squares.uncoupled(t, tau, eta=eta, window_s=1.0),
@@ -228,6 +229,7 @@ def test_one_hour_at_100_hz_takes_a_second_each() -> None:
         "zig-zag": lambda: zigzag.integrals(t, eta, tau, disturbance=True),
         "describing function": lambda: self_oscillation.from_record(t, eta, tau),
         "projection": lambda: harmonic.project(t, eta, tau),
+        "step, velocity": lambda: step.type_0(t, speed, 0.08, axis="angular"),
         "step, slope": lambda: step.type_1(t, rising, 0.08),
         "step, whole fit": lambda: step.fit_response(t, 0.08, eta=rising, axis="angular"),
     }
