@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from typing import Any
 
 from pydantic import Field, TypeAdapter, ValidationError, field_validator
@@ -14,7 +15,7 @@ from bus.service import Input, Output, Service
 from marine.allocation import axis_limits
 from marine.control.base import ZERO, ControlLaw, Reference, Vector3
 from marine.control.laws import known_laws
-from marine.frames import to_tank, wrap_angle
+from marine.frames import to_body, to_tank, wrap_angle
 from marine.guidance.reference_filter import MotionLimits, ReferenceFilter
 from marine.vessel import Vessel
 
@@ -52,7 +53,9 @@ class ControllerConfig(Section):
     laws: dict[str, Any] = Field(
         default_factory=dict, description="parameters of laws that differ from their defaults, by the law's name"
     )
-    reference_filter: ReferenceFilterConfig = ReferenceFilterConfig()
+    reference_filter: ReferenceFilterConfig = Field(
+        ReferenceFilterConfig(), description="a table: how a new reference is approached, docs/control.md"
+    )
 
     @field_validator("positioning")
     @classmethod
@@ -86,6 +89,9 @@ def _parsed(law: type[ControlLaw], values: Any) -> Any:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         key = ".".join(str(part) for part in (law.name, *first["loc"]))
+        if first["type"] == "unexpected_keyword_argument":
+            known = ", ".join(f.name for f in fields(law.Parameters))
+            raise ValueError(f"{key}: no such key; known: {known}") from None
         raise ValueError(f"{key}: {first['msg']}") from None
 
 
@@ -107,7 +113,16 @@ class Controller(Service):
     def __init__(self, config: ControllerConfig, vessel: Vessel) -> None:
         X, Y, _, _, _, N = axis_limits(vessel)
         limits = (X, Y, N)
-        self._laws = {"positioning": config.build(config.positioning, vessel, limits)}
+        self._laws: dict[str, ControlLaw] = {}
+        try:
+            self._laws["positioning"] = config.build(config.positioning, vessel, limits)
+        except ConfigError as error:
+            if {"X", "Y", "N"} <= set(vessel.controlled):
+                raise
+            self.note = f"{vessel.name} cannot hold a place: it controls {', '.join(vessel.controlled)} only; {error}"[
+                :400
+            ]
+            self.log.warning(self.note)
         shaping = config.reference_filter
         self._filter = shaping.filter_for(vessel, limits) if shaping.enabled else None
         self._running: ControlLaw | None = None
@@ -143,9 +158,15 @@ class Controller(Service):
         else:
             dt_s = max(0.0, min(MAX_STEP_S, (state.stamp_ns - self._state_ns) / NS))
             missing = _missing(attained)
-        reference = self._shaped(dt_s, target)
+        ours = _ours(helm)
+        target = _where_ours(target, eta, ours)
+        reference = self._shaped(dt_s, target) if all(ours) else Reference(target)
         disturbance = ZERO if law.integral else _disturbance(state)
         X, Y, N = law.step(dt_s, reference, eta, nu, missing, disturbance)
+        if not all(ours):  # on the others' axes the integrals follow what is given there; ours stay as they are
+            law.engage(
+                eta, nu, tuple(a if own else b for a, b, own in zip((X, Y, N), _given(attained), ours, strict=True))
+            )
         self._running, self._state_ns = law, state.stamp_ns
         self._error = (target[0] - eta[0], target[1] - eta[1], wrap_angle(target[2] - eta[2]))
         self.wrench.publish(Wrench(origin_ns=state.origin_ns, surge_n=X, sway_n=Y, yaw_nm=N))
@@ -187,6 +208,23 @@ def _reference(helm: HelmState) -> Vector3 | None:
     if helm.x_m is None or helm.y_m is None or helm.psi_rad is None:
         return None
     return helm.x_m, helm.y_m, helm.psi_rad
+
+
+def _ours(helm: HelmState) -> tuple[bool, bool, bool]:
+    """Return which of surge, sway and yaw are the controller's."""
+    surge, sway, yaw = (helm.sources.get(axis, "controller") == "controller" for axis in ("surge", "sway", "yaw"))
+    return surge, sway, yaw
+
+
+def _where_ours(target: Vector3, eta: Vector3, ours: tuple[bool, bool, bool]) -> Vector3:
+    """Return the target where the axes are ours, and the vessel's own place along the others, on the target's heading."""
+    surge, sway, yaw = ours
+    heading = target[2] if yaw else eta[2]
+    if surge and sway:
+        return target[0], target[1], heading
+    ahead, aside = to_body(target[0] - eta[0], target[1] - eta[1], target[2])
+    x, y = to_tank(ahead * surge, aside * sway, target[2])
+    return eta[0] + x, eta[1] + y, heading
 
 
 def _disturbance(state: NavigationState) -> Vector3:

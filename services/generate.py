@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from bus.messages import Message
 from bus.service import Input, Output
 from bus.topics import Topic
 from bus.units import unit_of
+from marine.control.laws import known_laws
 from services.catalog import PROCESSES, ROOT, Process, SystemConfig
 from services.star import declared_star, mermaid
 
@@ -76,10 +78,22 @@ def _section_table(name: str, model: type[Section]) -> str:
     return "\n".join(lines)
 
 
+def law_table() -> str:
+    """Return every positioning law with its parameters as Markdown."""
+    lines = ["| law | what it does | parameters of `[controller.laws.NAME]` |", "|---|---|---|"]
+    for law in known_laws().values():
+        parameters = "; ".join(
+            f"`{f.name}` = `{f.default}`: {f.metadata.get('doc', '')}" for f in fields(law.Parameters)
+        )
+        lines.append(f"| `{law.name}` | {(law.__doc__ or '').splitlines()[0]} | {parameters} |")
+    return "\n".join(lines)
+
+
 GENERATED: dict[str, tuple[str, Callable[[], str]]] = {
     "star": ("docs/architecture.md", lambda: f"```mermaid\n{star_diagram()}\n```"),
     "processes": ("docs/architecture.md", process_table),
     "topics": ("docs/topics.md", topic_table),
+    "laws": ("docs/control.md", law_table),
     "configuration": ("docs/configuration.md", configuration_tables),
 }
 """Name of a generated part -> the page it stands in, and what makes it."""

@@ -28,10 +28,11 @@ class LqrParameters(Parameters):
 
 
 class Lqr(StateFeedback):
-    """Minimises int (int e / z)^2 + (e / p)^2 + (tau / limit)^2 dt for each of surge, sway and yaw.
+    """LQR with integral action for each of surge, sway and yaw, weighed by Bryson's rule.
 
-    Riccati's equation is solved for alpha eta'' = tau: the drag is compensated as in the I-PD law (8.5). Sizes p and z
-    are the parameters; an axis without actuators gets no gains. Takes a reference that the vessel can follow.
+    Minimises int (int e / z)^2 + (e / p)^2 + (tau / limit)^2 dt, sizes p and z being the parameters. Riccati's
+    equation is solved for alpha eta'' = tau: the drag is compensated as in the I-PD law (8.5). An axis without
+    actuators gets no gains. Takes a reference that the vessel can follow.
     """
 
     name = "lqr"

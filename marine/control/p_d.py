@@ -26,9 +26,9 @@ class PDParameters(Parameters):
 
 
 class PD(StateFeedback):
-    """P-D of thesis Table 8.1 per degree of freedom, the drag compensated.
+    """P-D for each of surge, sway and yaw, thesis Table 8.1, with the estimator's disturbance fed forward.
 
-    The integral action is the estimator's: `step` takes its disturbance. Takes a reference that the vessel can follow.
+    The drag is compensated; the integral action is the estimator's. Takes a reference that the vessel can follow.
     """
 
     name = "p_d"

@@ -30,12 +30,13 @@ class PositioningParameters(Parameters):
 
 
 class Positioning(ControlLaw):
-    """tau = diag(alpha) R^T(psi) a + beta(nu) nu with a = (1/a3) int e - (a1/a3) eta - (a2/a3) eta'.
+    """I-PD for each of x, y and psi, designed by a model function, thesis 8.1.
 
-    That is thesis (8.2), (8.5) per degree of freedom, for x and y as accelerations in {E}: what their integrals hold
-    against is a current, which stays where it is when the vessel turns. The drag is compensated in {B}, where it acts,
-    up to the speed (8.27). A moving reference enters as G^-1(s) eta_ref, with its a3 s^3 integrated at once: alpha
-    times its acceleration. A reference at rest acts through the integral only.
+    tau = diag(alpha) R^T(psi) a + beta(nu) nu with a = (1/a3) int e - (a1/a3) eta - (a2/a3) eta'. That is (8.2), (8.5)
+    with x and y as accelerations in {E}: what their integrals hold against is a current, which stays where it is when
+    the vessel turns. The drag is compensated in {B}, where it acts, up to the speed (8.27). A moving reference enters
+    as G^-1(s) eta_ref, with its a3 s^3 integrated at once: alpha times its acceleration. A reference at rest acts
+    through the integral only.
     """
 
     name = "ipd"

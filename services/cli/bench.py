@@ -11,7 +11,7 @@ import typer
 
 from services.cli.errors import CliError
 
-BENCHMARKS = ("chain", "hold", "resources", "memory", "wake", "bus", "models", "tracker")
+BENCHMARKS = ("chain", "hold", "resources", "memory", "wake", "bus", "models", "tracker", "control")
 
 
 def bench(

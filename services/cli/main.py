@@ -34,6 +34,7 @@ COMMANDS = {
     "mode": "services.cli.mode:mode",
     "track": "services.cli.track:track",
     "vessels": "services.cli.vessels:vessels",
+    "tune": "services.cli.tune:tune",
     "bench": "services.cli.bench:bench",
 }
 GROUPS = {"identify": "services.cli.identify:app", "log": "services.cli.log:app", "camera": "services.cli.camera:app"}

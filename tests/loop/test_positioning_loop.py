@@ -294,7 +294,7 @@ def test_without_an_integral_the_estimators_disturbance_is_fed_forward() -> None
     ("section", "says"),
     [
         ({"positioning": "pid"}, "no law is called 'pid'; known: ipd, lqr, p_d"),
-        ({"laws": {"ipd": {"w0": 0.5}}}, "ipd.w0: Unexpected keyword argument"),
+        ({"laws": {"ipd": {"w0": 0.5}}}, "ipd.w0: no such key; known: model_function, w0_rad_s"),
         ({"laws": {"ipd": {"w0_rad_s": -1.0}}}, "w0 must be positive"),
         ({"laws": {"ipd": {"model_function": "1,1,2"}}}, "not stable"),
         ({"laws": {"lqr": {"position_m": "near"}}}, "lqr.position_m: Input should be a valid number"),
