@@ -22,6 +22,7 @@ from bus.service import Output, RawInput, Service, first_line
 from bus.topics import Qos, Topic
 from bus.units import unit_of
 from marine.actuators import Drive
+from marine.control.laws import laws_document
 from marine.vessel import Vessel
 from ui.session import Update
 
@@ -179,6 +180,7 @@ def system_document(vessel: Vessel, title: str = "") -> dict[str, Any]:
         "camera": dataclasses.asdict(vessel.camera),
         "thrusters": [dataclasses.asdict(t) | {"max_n": Drive(t).upper} for t in vessel.thrusters],
         "axes": ["surge", "sway", "yaw"],
+        "laws": laws_document(),
         "services": sorted(publishers - {"*", topics.OPERATOR}),
     }
 
