@@ -167,6 +167,46 @@ class NavigationState(Message):
     rejected: Count = Field(0, description="measurements refused by the innovation gate")
 
 
+# --- sensors besides the camera ---------------------------------------------------------------------------------
+
+
+class SensorPosition(Message):
+    """Position in {E}, as of a satellite receiver."""
+
+    x_m: float
+    y_m: float
+
+
+class SensorCompass(Message):
+    """Heading in {E}."""
+
+    psi_rad: float
+
+
+class SensorDepth(Message):
+    """Depth below the surface."""
+
+    z_m: float
+
+
+class SensorYawRate(Message):
+    """Turn rate about the vessel's z axis."""
+
+    yaw_rad_s: float
+
+
+class SensorSurgeSpeed(Message):
+    """Speed ahead through the water."""
+
+    surge_m_s: float
+
+
+class SensorSpeed(Message):
+    """Speed over ground, without a direction."""
+
+    speed_m_s: float
+
+
 # --- wrenches ---------------------------------------------------------------------------------------------------
 
 
@@ -420,3 +460,7 @@ class SimulationFault(Message):
     psi_rad: float = 0.0
     thruster: Name = ""
     fraction: Fraction = Field(0.0, description="dropout: part of the frames that are lost")
+    z_m: float | None = Field(None, description="depth, of a vessel that dives")
+    heave_m_s: float | None = None
+    phi_rad: float | None = None
+    theta_rad: float | None = None

@@ -56,6 +56,13 @@ CAMERA_POSE = Topic("camera/pose", m.CameraPose, "camera_tracker", "Pose of the 
 CAMERA_STATUS = Topic("camera/status", m.CameraStatus, "camera_tracker", "State of camera and tracker.", 1.0)
 CAMERA_IMAGE = Topic("camera/image", m.CameraImage, "camera_tracker", "Picture as JPEG.", 5.0, Qos.IMAGE)
 
+SENSOR_POSITION = Topic("sensor/position", m.SensorPosition, "sensors", "Measured position, where no camera sees it.")
+SENSOR_COMPASS = Topic("sensor/compass", m.SensorCompass, "sensors", "Measured heading.")
+SENSOR_DEPTH = Topic("sensor/depth", m.SensorDepth, "sensors", "Measured depth.")
+SENSOR_YAW_RATE = Topic("sensor/yaw_rate", m.SensorYawRate, "sensors", "Measured turn rate.")
+SENSOR_SURGE_SPEED = Topic("sensor/surge_speed", m.SensorSurgeSpeed, "sensors", "Measured speed through water.")
+SENSOR_SPEED = Topic("sensor/speed", m.SensorSpeed, "sensors", "Measured speed over ground.")
+
 NAVIGATION_STATE = Topic(
     "navigation/state", m.NavigationState, "estimator", "Estimated pose, velocity, disturbance.", 30.0
 )

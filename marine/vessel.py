@@ -304,6 +304,8 @@ SENSOR_UNITS: dict[SensorKind, str] = {
     "speed": "m/s",
     "laser": "m",
 }
+INSTRUMENTS: frozenset[SensorKind] = frozenset(SENSOR_UNITS) - {"camera", "laser"}
+"""What publishes numbers under sensor/; camera and laser dots are seen in pictures."""
 
 
 @dataclass(frozen=True)
@@ -403,6 +405,10 @@ class Vessel:
     command_delay_s: float = 0.0
     """From the command at the surface to the actuator, COMM 1 of thesis Fig. 3.3."""
     sources: tuple[str, ...] = ()
+
+    def sensor(self, kind: SensorKind) -> Sensor | None:
+        """Return the sensor of a kind, None where the vessel has none."""
+        return next((s for s in self.sensors if s.kind == kind), None)
 
     @property
     def thrusters(self) -> tuple[Thruster, ...]:

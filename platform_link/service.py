@@ -49,7 +49,7 @@ class PlatformLink(Service):
 
     def __init__(self, config: PlatformLinkConfig, vessel: Vessel, deployment: Deployment) -> None:
         self._uri = f"pty://{deployment.run_dir.absolute() / 'platform'}" if config.uri == "pty://" else config.uri
-        self._limits = {t.name: t.n_max for t in vessel.thrusters}
+        self._limits = {a.name: (a.lowest, a.n_max) for a in vessel.actuators}
         if len(self._limits) > MAX_CHANNELS:
             raise ValueError(f"{vessel.name}: {len(self._limits)} actuators; the link carries {MAX_CHANNELS}")
         self._zeros = (0.0,) * len(self._limits)
@@ -111,7 +111,7 @@ class PlatformLink(Service):
         if command.commands.keys() != self._limits.keys():
             self._reject(f"refused: it is for {', '.join(command.commands)}; the vessel has {', '.join(self._limits)}")
             return self._zeros
-        wanted = tuple(min(max(command.commands[name], -limit), limit) for name, limit in self._limits.items())
+        wanted = tuple(min(max(command.commands[name], low), high) for name, (low, high) in self._limits.items())
         if wanted != tuple(command.commands[name] for name in self._limits):
             self._reject(f"clamped to the vessel's limits: {command.commands}")
         return wanted

@@ -9,13 +9,14 @@ import typing
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field
 
 from bus.config import ConfigError, Deployment, Section, parse, read_toml
 from bus.hub import HubConfig
 from bus.service import Service
+from marine.vessel import INSTRUMENTS, Vessel
 from services.vessels import load_vessel, vessel_path
 
 ROOT = Path(__file__).parent.parent
@@ -29,6 +30,13 @@ class Process:
     target: str
     priority: int = 30
     simulation_only: bool = False
+    needs: Literal["camera", "instruments", ""] = ""
+    """Started only for a vessel with a camera above it, or with sensors besides that."""
+
+    def fits(self, vessel: Vessel) -> bool:
+        """Return whether the vessel has what the process is for."""
+        kinds = {sensor.kind for sensor in vessel.sensors}
+        return {"camera": "camera" in kinds, "instruments": bool(kinds & INSTRUMENTS), "": True}[self.needs]
 
     @cached_property
     def service(self) -> type[Service]:
@@ -62,7 +70,8 @@ PROCESSES = (
     Process("helm", "services.helm:Helm"),
     Process("controller", "services.controller:Controller"),
     Process("estimator", "services.estimator:Estimator"),
-    Process("camera_tracker", "camera_tracker.service:CameraTracker"),
+    Process("camera_tracker", "camera_tracker.service:CameraTracker", needs="camera"),
+    Process("sensors", "services.simulator.sensors:Sensors", simulation_only=True, needs="instruments"),
     Process("ui", "ui.server:Page"),
     Process("simulator", "services.simulator.service:Simulator", simulation_only=True),
 )
@@ -95,7 +104,8 @@ class Settings:
     @property
     def processes(self) -> tuple[Process, ...]:
         """The processes that this configuration starts."""
-        own = {p.name: p for p in PROCESSES if self.system.simulation or not p.simulation_only}
+        vessel = load_vessel(self.system.vessel)
+        own = {p.name: p for p in PROCESSES if (self.system.simulation or not p.simulation_only) and p.fits(vessel)}
         if not self.hub.standby:
             del own["hub_standby"]
         for name, target in self.system.services.items():

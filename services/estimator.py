@@ -1,4 +1,4 @@
-"""The estimator: where the vessel is, how fast, and what pushes it, from the camera's poses."""
+"""The estimator: where the vessel is, how fast, and what pushes it, from poses of the camera or from instruments."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from pydantic import Field, model_validator
 from bus import topics
 from bus.clock import NS
 from bus.config import Section
-from bus.messages import CameraPose, NavigationState
+from bus.messages import CameraPose, NavigationState, SensorPosition
 from bus.service import FUTURE_TOLERANCE_S, Input, Output, Service
 from marine.dynamics.integrate import State
 from marine.dynamics.uncoupled import Tau
 from marine.estimation.ekf import Array, EkfTuning, PoseEkf, Verdict
 from marine.estimation.smoothing import CausalVelocities
-from marine.vessel import Vessel
+from marine.vessel import Sensor, Vessel
 
 WRENCH_HOLD_NS = 350_000_000
 """Without a new command the platform stops its thrusters: a delivered wrench counts no longer than this."""
@@ -62,12 +62,16 @@ class Estimator(Service):
     The filter lives at the capture time of the last pose, which is older than now by the latency of camera and tracker.
     What is published is predicted from there to now, with the wrench that the allocator says is delivered. When the
     timer ends before the next pose comes (25 Hz against the camera's 30 Hz), a prediction is published.
+
+    Without a camera a position and the heading of the same moment are a pose, as exact as the vessel file says.
     """
 
     name = "estimator"
     rate_hz = 25.0
 
     pose = Input(topics.CAMERA_POSE, wakes=True, queue=16)
+    position = Input(topics.SENSOR_POSITION, wakes=True, queue=16)
+    compass = Input(topics.SENSOR_COMPASS, queue=16)
     delivered = Input(topics.ACTUATOR_DELIVERED, queue=16)
     state = Output(topics.NAVIGATION_STATE)
 
@@ -75,9 +79,18 @@ class Estimator(Service):
         self._config = config
         self._model = vessel.model
         self._pool = vessel.pool
+        receiver, compass = vessel.sensor("position"), vessel.sensor("compass")
+        position_m = config.position_noise_px / vessel.camera.scale_px_per_m
+        heading_rad = config.heading_noise_rad
+        self._lost_after_s, self._ready_std_m_s = config.lost_after_s, config.ready_std_m_s
+        if vessel.sensor("camera") is None and receiver and compass:
+            position_m, heading_rad = max(position_m, _std(receiver)), max(heading_rad, _std(compass))
+            self._lost_after_s = max(self._lost_after_s, 3.0 * receiver.sample_time_s + receiver.delay_s)
+            self._ready_std_m_s = max(self._ready_std_m_s, position_m)  # as well as 1 s of the receiver shows it
+        self._headings: deque[tuple[int, float]] = deque(maxlen=64)
         self._tuning = EkfTuning(
-            position_m=config.position_noise_px / vessel.camera.scale_px_per_m,
-            heading_rad=config.heading_noise_rad,
+            position_m=position_m,
+            heading_rad=heading_rad,
             velocity_walk_m_s=config.velocity_walk_m_s,
             yaw_rate_walk_rad_s=config.yaw_rate_walk_rad_s,
             force_walk_n=config.force_walk_n,
@@ -107,17 +120,29 @@ class Estimator(Service):
             self._forget()
             self._seen_ns = self._used_ns = 0
             self._wrenches.clear()
-        for pose in self.pose.take():
+        for pose in [*self.pose.take(), *self._fixes()]:
             if pose.name not in self._names:
                 continue
             if not self._acceptable(pose, now_ns) or not self._take_in(pose):
                 self._rejected += 1
         self._publish(now_ns)
 
+    def _fixes(self) -> list[CameraPose]:
+        """Return the poses that instruments give: a position with the heading nearest to it in time."""
+        self._headings.extend((c.stamp_ns, c.psi_rad) for c in self.compass.take())
+        if not self._headings:
+            return []
+        fixes = []
+        for fix in self.position.take():
+            at_ns, psi_rad = min(self._headings, key=lambda heading: abs(heading[0] - fix.stamp_ns))
+            if abs(at_ns - fix.stamp_ns) <= self._lost_after_s * NS:
+                fixes.append(_pose(fix, psi_rad))
+        return fixes
+
     def _acceptable(self, pose: CameraPose, now_ns: int) -> bool:
         """Whether a pose is worth looking at: in time and in order, in the pool, good and with a heading."""
         age_s = (now_ns - pose.stamp_ns) / NS
-        if not -FUTURE_TOLERANCE_S <= age_s <= self._config.lost_after_s or pose.stamp_ns < self._seen_ns + _NEAREST_NS:
+        if not -FUTURE_TOLERANCE_S <= age_s <= self._lost_after_s or pose.stamp_ns < self._seen_ns + _NEAREST_NS:
             return False
         self._seen_ns = pose.stamp_ns
         return (
@@ -132,7 +157,7 @@ class Estimator(Service):
     def _take_in(self, pose: CameraPose) -> bool:
         """Correct the estimate by a pose; return whether the pose was used."""
         x_m, y_m, psi_rad = pose.x_m or 0.0, pose.y_m or 0.0, pose.psi_rad
-        if (pose.stamp_ns - self._used_ns) / NS > self._config.lost_after_s:
+        if (pose.stamp_ns - self._used_ns) / NS > self._lost_after_s:
             self._forget()
         if self._config.enabled:
             if not self._filter(pose.stamp_ns, x_m, y_m, psi_rad, _noise(pose)):
@@ -163,7 +188,7 @@ class Estimator(Service):
         if ekf.update(x_m, y_m, psi_rad, noise) is Verdict.REFUSED:
             return False
         if not self._ready:
-            self._ready = float(ekf.covariance.diagonal()[3:5].max()) < self._config.ready_std_m_s**2
+            self._ready = float(ekf.covariance.diagonal()[3:5].max()) < self._ready_std_m_s**2
         return True
 
     def _advance(self, ekf: PoseEkf, from_ns: int, to_ns: int) -> None:
@@ -187,7 +212,7 @@ class Estimator(Service):
 
     def _publish(self, now_ns: int) -> None:
         age_s = (now_ns - self._used_ns) / NS
-        until_ns = min(now_ns, self._used_ns + round(self._config.lost_after_s * NS))
+        until_ns = min(now_ns, self._used_ns + round(self._lost_after_s * NS))
         ekf = self._ekf
         if ekf is not None:
             if until_ns > self._filter_ns:
@@ -224,11 +249,23 @@ class Estimator(Service):
         )
 
     def _status(self, age_s: float) -> Status:
-        if age_s > self._config.lost_after_s:
+        if age_s > self._lost_after_s:
             return "lost"
         if not self._ready:
             return "initialising"
         return "predicting" if age_s > self._config.predicting_after_s else "tracking"
+
+
+def _std(sensor: Sensor) -> float:
+    """Return the standard deviation of a sensor's samples, in its unit: noise and rounding."""
+    return math.hypot(sensor.noise, sensor.quantisation / math.sqrt(12.0))
+
+
+def _pose(fix: SensorPosition, psi_rad: float) -> CameraPose:
+    """Return position and heading as the filter takes them."""
+    return CameraPose(
+        stamp_ns=fix.stamp_ns, frame=0, x_px=0.0, y_px=0.0, x_m=fix.x_m, y_m=fix.y_m, psi_rad=psi_rad, quality=1.0
+    )
 
 
 def _noise(pose: CameraPose) -> Array | None:

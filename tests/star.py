@@ -17,14 +17,25 @@ from bus.service import Service
 from marine.frames import wrap_angle
 from platform_link.service import PlatformLink
 from services.allocator import Allocator
+from services.catalog import PROCESSES
 from services.controller import Controller
 from services.estimator import Estimator
 from services.helm import Helm
+from services.simulator.sensors import Sensors
 from services.simulator.service import Simulator
 from services.simulator.stand_in import PoseStandIn
 from services.vessels import load_vessel
 
-SERVICES: tuple[type[Service], ...] = (Simulator, PoseStandIn, Estimator, Controller, Helm, Allocator, PlatformLink)
+SERVICES: tuple[type[Service], ...] = (
+    Simulator,
+    PoseStandIn,
+    Sensors,
+    Estimator,
+    Controller,
+    Helm,
+    Allocator,
+    PlatformLink,
+)
 _links = itertools.count()
 
 
@@ -34,9 +45,9 @@ class Star:
     sections: configuration by service name, as in a TOML file: `Star(simulator={"current_x_m_s": 0.0})`.
     """
 
-    def __init__(self, *, json: bool = False, **sections: dict[str, Any]) -> None:
+    def __init__(self, *, json: bool = False, vessel: str = "pladypos", **sections: dict[str, Any]) -> None:
         self.bus = MemoryBus(json=json)
-        self.vessel = load_vessel("pladypos")
+        self.vessel = load_vessel(vessel)
         self.truth: list[SimulationTruth] = []
         """Every simulation/truth so far."""
         self._answers: list[HelmAnswer] = []
@@ -49,8 +60,10 @@ class Star:
             self._sections.setdefault(name, {}).update(values)
         self.bus.tap(topics.SIMULATION_TRUTH, self.truth.append)
         self.bus.tap(topics.HELM_ANSWER, self._answers.append)
+        absent = {p.name for p in PROCESSES if not p.fits(self.vessel)}
         for kind in SERVICES:
-            self.start(kind.name)
+            if kind.name not in absent:
+                self.start(kind.name)
 
     def start(self, name: str) -> None:
         """Start a service, in place of one of the same name: what a supervisor does."""
@@ -96,9 +109,9 @@ class Star:
         return math.sqrt(distance2 / len(poses)), math.sqrt(angle2 / len(poses))
 
 
-def build_star(*, json: bool = False, **sections: dict[str, Any]) -> Star:
+def build_star(*, json: bool = False, vessel: str = "pladypos", **sections: dict[str, Any]) -> Star:
     """Return a star that has run until its pose is tracked."""
-    star = Star(json=json, **sections)
+    star = Star(json=json, vessel=vessel, **sections)
 
     def tracked() -> bool:
         state = star.bus.last(topics.NAVIGATION_STATE)

@@ -23,7 +23,7 @@ from bus.topics import Qos, Topic
 from bus.units import unit_of
 from marine.actuators import Drive
 from marine.control.laws import laws_document
-from marine.vessel import Vessel
+from marine.vessel import INSTRUMENTS, Vessel
 from ui.session import Update
 
 if TYPE_CHECKING:
@@ -171,7 +171,11 @@ class Page(Service):
 
 def system_document(vessel: Vessel, title: str = "") -> dict[str, Any]:
     """Return what the page must know of vessel and place, in SI: the document /api/system."""
-    publishers = {t.publisher for t in topics.all_topics() if not t.key.startswith("simulation/")}
+    kinds = {sensor.kind for sensor in vessel.sensors}
+    absent = {
+        name for name, has in (("camera_tracker", "camera" in kinds), ("sensors", kinds & INSTRUMENTS)) if not has
+    }
+    publishers = {t.publisher for t in topics.all_topics() if not t.key.startswith("simulation/")} - absent
     return {
         "title": title or vessel.title,
         "vessel": vessel.name,

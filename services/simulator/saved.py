@@ -25,6 +25,7 @@ class Saved(Section):
 
     stamp_ns: int
     state: State
+    upright: State
     constant_current_m_s: tuple[float, float]
     varying_current_m_s: tuple[float, float]
     dead: frozenset[str]
@@ -36,6 +37,7 @@ class Saved(Section):
         return cls(
             stamp_ns=now_ns,
             state=world.state,
+            upright=world.upright,
             constant_current_m_s=world.constant_current_m_s,
             varying_current_m_s=world.varying_current_m_s,
             dead=world.dead,
@@ -45,6 +47,7 @@ class Saved(Section):
     def restore(self, world: World) -> CameraFaults:
         """Bring a new world to this state; return the camera's faults."""
         world.state = self.state
+        world.upright = self.upright
         world.constant_current_m_s = self.constant_current_m_s
         world.varying_current_m_s = self.varying_current_m_s
         world.kill(self.dead)

@@ -9,15 +9,16 @@ from pydantic import Field
 
 from bus import topics
 from bus.clock import NS
-from bus.config import Deployment, Section
+from bus.config import ConfigError, Deployment, Section
 from bus.messages import SimulationFault, SimulationTruth
 from bus.service import Input, Output, Service
-from marine.vessel import Vessel
+from marine.environment import Waves, Wind
+from marine.vessel import AsvModel, SixDofModel, Vessel
 from platform_link.drivers import Driver, open_far_end
 from platform_link.firmware import Firmware
 from services.simulator.faults import CameraFaults
 from services.simulator.saved import Saved, load, save
-from services.simulator.world import Current, World
+from services.simulator.world import Current, Surroundings, World
 
 if TYPE_CHECKING:  # OpenCV is only needed for pictures
     from camera_tracker.sources import FrameWriter
@@ -39,9 +40,39 @@ class SimulatorConfig(Section):
     current_y_m_s: float = 0.0
     current_std_m_s: float = Field(0.005, ge=0, description="of the slowly varying part, each axis")
     current_correlation_s: float = Field(30.0, gt=0)
+    wind_x_m_s: float = Field(0.0, description="mean wind in {E}: where it blows to")
+    wind_y_m_s: float = 0.0
+    gust_std_m_s: float = Field(0.0, ge=0, description="of the gusts, each axis")
+    gust_correlation_s: float = Field(5.0, gt=0)
+    wind_drag_area_m2: float = Field(0.0, ge=0, description="C_D A of what stands above the water; 0: no wind acts")
+    wind_lever_m: float = Field(0.0, description="how far ahead of the origin of {B} the wind takes hold")
+    wave_height_m: float = Field(0.0, ge=0, description="significant height")
+    wave_period_s: float = Field(3.0, gt=0, description="of the spectrum's peak")
+    wave_towards_rad: float = 0.0
+    wave_gamma: float = Field(3.3, ge=1, le=7, description="peak enhancement of JONSWAP; 1: Pierson-Moskowitz")
+    depth_m: float = Field(10.0, gt=0, description="of the water")
     picture_noise_std: float = Field(6.0, ge=0, description="of each channel of each pixel, in grey levels")
     picture_blur_px: float = Field(1.0, gt=0)
     state_file: bool = Field(True, description="keep the state in a file, so that a killed simulator resumes")
+
+    @property
+    def around(self) -> Surroundings:
+        """What moves around the vessel."""
+        return Surroundings(
+            Current(self.current_x_m_s, self.current_y_m_s, self.current_std_m_s, self.current_correlation_s),
+            Wind(
+                self.wind_x_m_s,
+                self.wind_y_m_s,
+                self.gust_std_m_s,
+                self.gust_correlation_s,
+                self.wind_drag_area_m2,
+                self.wind_lever_m,
+            ),
+            Waves(self.wave_height_m, self.wave_period_s, self.wave_towards_rad, self.wave_gamma)
+            if self.wave_height_m
+            else None,
+            self.depth_m,
+        )
 
 
 class Simulator(Service):
@@ -63,13 +94,12 @@ class Simulator(Service):
         self._vessel = vessel
         self._run_dir = deployment.run_dir
         self._state_path = deployment.run_dir / "simulator.json"
-        self._current = Current(
-            config.current_x_m_s, config.current_y_m_s, config.current_std_m_s, config.current_correlation_s
-        )
+        if config.wind_drag_area_m2 and isinstance(vessel.dynamics, AsvModel):
+            raise ConfigError(f"simulator: wind_drag_area_m2: the model of {vessel.name} knows no forces in N")
         self._camera = CameraFaults()
         self._flips = 0
         self._random = random.Random(config.seed + 1)
-        self._firmware = Firmware([t.name for t in vessel.thrusters])
+        self._firmware = Firmware([a.name for a in vessel.actuators])
         self._frame_ns = round(NS / vessel.camera.rate_hz)
         self._early_ns = round(NS / self.rate_hz / 2)
         self._next_frame_ns = 0
@@ -89,13 +119,13 @@ class Simulator(Service):
         x_m = 0.5 * pool.length_x_m if config.x_m is None else config.x_m
         y_m = 0.5 * pool.length_y_m if config.y_m is None else config.y_m
         start = (x_m, y_m, config.psi_rad, 0.0, 0.0, 0.0)
-        self._world = World(self._vessel, self._current, config.seed, start, now_ns)
+        self._world = World(self._vessel, config.around, config.seed, start, now_ns)
         if config.state_file and (saved := load(self._state_path, now_ns)):
             self._camera = saved.restore(self._world)
             self.log.info("resumed where the simulator before was killed")
         link = f"pty://{self._run_dir.absolute() / 'platform'}" if config.link == "pty://" else config.link
         self._port = open_far_end(link)
-        if config.pictures:
+        if config.pictures and self._vessel.sensor("camera"):
             from camera_tracker.sources import FrameWriter
             from services.simulator.camera import Renderer
 
@@ -173,12 +203,20 @@ class Simulator(Service):
                 sway_n=Y,
                 yaw_nm=N,
                 commands=self._firmware.commands(now_s),
+                **self._upright(),
             )
         )
 
+    def _upright(self) -> dict[str, float]:
+        """Return what the truth says of a vessel that dives or heels."""
+        z, phi, theta, w, _, _ = self._world.upright
+        if isinstance(self._vessel.dynamics, SixDofModel):
+            return {"z_m": z, "heave_m_s": w, "phi_rad": phi, "theta_rad": theta}
+        return {"z_m": z, "heave_m_s": w} if self._vessel.model.heave else {}
+
     def _obey(self, order: SimulationFault) -> None:
         self._camera = self._camera.after(order)
-        configured = (self._current.x_m_s, self._current.y_m_s)
+        configured = (self._config.current_x_m_s, self._config.current_y_m_s)
         match order.kind:
             case "flip_byte":
                 self._flips = self._flips + 1 if order.active else 0
@@ -194,10 +232,10 @@ class Simulator(Service):
                 self._world.constant_current_m_s = configured
 
     def _kill_thruster(self, order: SimulationFault) -> None:
-        known = [t.name for t in self._vessel.thrusters]
+        known = [a.name for a in self._vessel.actuators]
         if order.thruster not in known:
             self.refused_orders += 1
-            self.log.warning("fault: no thruster is called %r; known: %s", order.thruster, ", ".join(known))
+            self.log.warning("fault: no actuator is called %r; known: %s", order.thruster, ", ".join(known))
             return
         one = frozenset({order.thruster})
         self._world.kill(self._world.dead | one if order.active else self._world.dead - one)

@@ -1,22 +1,24 @@
-"""The world outside the bus: the vessel in its pool, pushed by thrusters and current. No clock, no file, no bus."""
+"""The world outside the bus: any vessel in its pool, pushed by actuators, water, wind and tether. No clock, no bus."""
 
 from __future__ import annotations
 
-import math
-import random
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from marine.allocation import Wrench
 from marine.dynamics.integrate import State
-from marine.dynamics.uncoupled import Tau, UncoupledModel
+from marine.dynamics.uncoupled import Tau
+from marine.environment import GaussMarkov, WaveField, Waves, Wind, tether_wrench, wind_wrench
 from marine.frames import to_body, to_tank, wrap_angle
-from marine.vessel import Vessel
+from marine.vessel import AsvModel, Vessel
+from services.simulator.actuators import Actuators, relative_speed
+from services.simulator.plants import AT_THE_SURFACE, Push, plant_of
 
 LONGEST_STEP_NS = 20_000_000
 """The quickest motion takes seconds: one Runge-Kutta step of 20 ms errs by less than 1 nm."""
 LONGEST_GAP_NS = 500_000_000
 _GUST_NS = 100_000_000
-"""The varying current changes every 0.1 s: often against its correlation time, seldom against the vessel."""
+"""Varying current and gusts change every 0.1 s: often against their correlation times, seldom against the vessel."""
 
 
 @dataclass(frozen=True)
@@ -29,59 +31,84 @@ class Current:
     correlation_s: float = 30.0
 
 
+@dataclass(frozen=True)
+class Surroundings:
+    """What moves around the vessel. depth_m: of the water."""
+
+    current: Current = field(default_factory=Current)
+    wind: Wind = field(default_factory=Wind)
+    waves: Waves | None = None
+    depth_m: float = 10.0
+
+
 class World:
     """The true state. The same commands at the same times give the same bits.
 
     A pause of more than 0.5 s (the process was stopped) stops the world's time, too.
     """
 
-    def __init__(self, vessel: Vessel, current: Current, seed: int, state: State, now_ns: int) -> None:
+    def __init__(self, vessel: Vessel, around: Surroundings, seed: int, state: State, now_ns: int) -> None:
+        current, wind = around.current, around.wind
         self.state = state
+        """[x y psi u v r]."""
+        self.upright = AT_THE_SURFACE
+        """[z phi theta w p q]."""
         self.constant_current_m_s = (current.x_m_s, current.y_m_s)
-        self.varying_current_m_s = (0.0, 0.0)
-        self.dead: frozenset[str] = frozenset()
-        """Thrusters that give no thrust whatever their command."""
-        self.tau: Tau = (0.0, 0.0, 0.0)
+        self.actuators = Actuators(vessel)
         self._vessel = vessel
-        self._model = UncoupledModel(vessel.model)
-        self._random = random.Random(seed)
+        self._plant = plant_of(vessel.dynamics)
+        self._masses = _masses(vessel)
+        self._wind, self._depth_m = wind, around.depth_m
+        self._waves = WaveField(around.waves, vessel.radius_m, seed + 3) if around.waves else None
+        self._drift = GaussMarkov(current.std_m_s, current.correlation_s, _GUST_NS * 1e-9, seed)
+        self._gusts = GaussMarkov(wind.gust_std_m_s, wind.gust_correlation_s, _GUST_NS * 1e-9, seed + 2)
+        self._changing = current.std_m_s > 0.0 or wind.gust_std_m_s > 0.0
+        self._quiet = not (any(vessel.bias) or vessel.tether or wind.drag_area_m2 or self._waves)
         self._now_ns = now_ns
         self._gust_ns = now_ns
-        self._fading = math.exp(-_GUST_NS * 1e-9 / current.correlation_s)
-        self._gust_m_s = current.std_m_s * math.sqrt(1.0 - self._fading**2)
         self._commands: dict[str, float] = {}
-        self._columns = [
-            (t.name, t.k_t, math.cos(t.angle_rad), math.sin(t.angle_rad), _lever_m(t.x_m, t.y_m, t.angle_rad))
-            for t in vessel.thrusters
-        ]
 
     @property
     def current_m_s(self) -> tuple[float, float]:
-        """The current at the vessel in {E}."""
-        return (
-            self.constant_current_m_s[0] + self.varying_current_m_s[0],
-            self.constant_current_m_s[1] + self.varying_current_m_s[1],
-        )
+        """The current at the vessel in {E}, without waves."""
+        x, y = self._drift.value
+        return self.constant_current_m_s[0] + x, self.constant_current_m_s[1] + y
+
+    @property
+    def varying_current_m_s(self) -> tuple[float, float]:
+        """The part of the current that changes."""
+        return self._drift.value
+
+    @varying_current_m_s.setter
+    def varying_current_m_s(self, value: tuple[float, float]) -> None:
+        self._drift.value = value
+
+    @property
+    def wind_m_s(self) -> tuple[float, float]:
+        """The wind at the vessel in {E}."""
+        x, y = self._gusts.value
+        return self._wind.x_m_s + x, self._wind.y_m_s + y
+
+    @property
+    def tau(self) -> Tau:
+        """What the actuators give on surge, sway and yaw: N, N, Nm."""
+        X, Y, _, _, _, N = self.actuators.wrench
+        return X, Y, N
+
+    @property
+    def dead(self) -> frozenset[str]:
+        """Actuators that give nothing whatever their command."""
+        return self.actuators.dead
 
     def command(self, commands: Mapping[str, float]) -> None:
-        """Set the commands that the thrusters run, pladypos (1): K_T |n| n along each thruster's axis."""
-        if commands == self._commands:
-            return
-        self._commands = dict(commands)
-        self._apply()
+        """Set the commands that the actuators run, from now on."""
+        if commands != self._commands:
+            self._commands = dict(commands)
+            self.actuators.command(self._commands, self._now_ns)
 
-    def kill(self, thrusters: frozenset[str]) -> None:
-        """Let these thrusters be dead, and no others."""
-        self.dead = thrusters
-        self._apply()
-
-    def _apply(self) -> None:
-        X = Y = N = 0.0
-        for name, k_t, c, s, lever in self._columns:
-            n = self._commands.get(name, 0.0)
-            thrust = 0.0 if name in self.dead else k_t * abs(n) * n
-            X, Y, N = X + c * thrust, Y + s * thrust, N + lever * thrust
-        self.tau = (X, Y, N)
+    def kill(self, names: frozenset[str]) -> None:
+        """Let these actuators be dead, and no others."""
+        self.actuators.kill(names)
 
     def advance(self, now_ns: int) -> None:
         """Let the world go on to now, with the commands as they are."""
@@ -89,17 +116,53 @@ class World:
             self._now_ns = self._gust_ns = now_ns
         while self._now_ns < now_ns:
             step_ns = min(now_ns - self._now_ns, LONGEST_STEP_NS)
-            x, y, psi, u, v, r = self._model.step(self.state, step_ns * 1e-9, self.tau, self.current_m_s)
-            self.state = self._within_walls((x, y, wrap_angle(psi), u, v, r))
-            self._now_ns += step_ns
-        while self._gust_m_s and self._gust_ns + _GUST_NS <= now_ns:
+            arrival_ns = self.actuators.next_ns()
+            if arrival_ns is not None and arrival_ns > self._now_ns:
+                step_ns = min(step_ns, arrival_ns - self._now_ns)
+            self._step(step_ns)
+        while self._changing and self._gust_ns + _GUST_NS <= now_ns:
             self._gust_ns += _GUST_NS
-            self._blow()
+            self._drift.step()
+            self._gusts.step()
 
     def displace(self, x_m: float, y_m: float, psi_rad: float) -> None:
         """Move the vessel at once, as a hand does; the walls hold."""
         x, y, psi, u, v, r = self.state
         self.state = self._within_walls((x + x_m, y + y_m, wrap_angle(psi + psi_rad), u, v, r))
+
+    def _step(self, step_ns: int) -> None:
+        dt_s = step_ns * 1e-9
+        x, y, psi, u, v, _ = self.state
+        water, moved = self.current_m_s, (0.0, 0.0)
+        if self._waves is not None:
+            orbit, moved = self._waves.water(x, y, (self._now_ns + 0.5 * step_ns) * 1e-9, max(0.0, self.upright[0]))
+            water = (water[0] + orbit[0], water[1] + orbit[1])
+        U = relative_speed(u, v, psi, water) if self.actuators.feel_flow else 0.0
+        self.actuators.advance(self._now_ns, dt_s, U)
+        tau = self.actuators.wrench if self._quiet else self._pushed(self.actuators.wrench, moved)
+        push = Push(tau, water, self.actuators.n_squared)
+        (x, y, psi, u, v, r), upright = self._plant.step(self.state, self.upright, dt_s, push)
+        self.state = self._within_walls((x, y, wrap_angle(psi), u, v, r))
+        if upright is not self.upright:
+            self.upright = self._within_water(upright)
+        self._now_ns += step_ns
+
+    def _pushed(self, tau: Wrench, water_m_s2: tuple[float, float]) -> Wrench:
+        """Return the actuators' wrench with what the surroundings add, in {B}.
+
+        Accelerated water pushes a hull with the inertia that the hull has in it, added mass included (Froude-Krylov and
+        diffraction of a body small against the waves): a vessel without drag goes along with it.
+        """
+        x, y, psi, u, v, _ = self.state
+        X, Y, Z, K, M, N = (a + b for a, b in zip(tau, self._vessel.bias, strict=True))
+        if self._vessel.tether is not None:
+            pull = tether_wrench(self._vessel.tether, x, y, psi)
+            X, Y, N = X + pull[0], Y + pull[1], N + pull[2]
+        if self._wind.drag_area_m2:
+            blow = wind_wrench(self._wind, self.wind_m_s, psi, u, v)
+            X, Y, N = X + blow[0], Y + blow[1], N + blow[2]
+        a_x, a_y = to_body(*water_m_s2, psi)
+        return X + self._masses[0] * a_x, Y + self._masses[1] * a_y, Z, K, M, N
 
     def _within_walls(self, state: State) -> State:
         """Stop the part of the velocity that goes into a wall: an inelastic, frictionless contact of a round hull."""
@@ -116,14 +179,16 @@ class World:
             y_rate = 0.0
         return (inside_x, inside_y, psi, *to_body(x_rate, y_rate, psi), r)
 
-    def _blow(self) -> None:
-        gust, fading = self._random.gauss, self._fading
-        x, y = self.varying_current_m_s
-        self.varying_current_m_s = (
-            fading * x + gust(0.0, self._gust_m_s),
-            fading * y + gust(0.0, self._gust_m_s),
-        )
+    def _within_water(self, upright: State) -> State:
+        """Stop what dives at the surface and at the bottom."""
+        z, phi, theta, w, p, q = upright
+        inside = min(max(z, 0.0), self._depth_m)
+        w = 0.0 if (inside - z) * w < 0.0 else w
+        return inside, wrap_angle(phi), wrap_angle(theta), w, p, q
 
 
-def _lever_m(x_m: float, y_m: float, angle_rad: float) -> float:
-    return x_m * math.sin(angle_rad) - y_m * math.cos(angle_rad)
+def _masses(vessel: Vessel) -> tuple[float, float]:
+    """Return inertia in surge and sway with added mass, in kg; an ASV's model has none: the water carries it."""
+    if isinstance(vessel.dynamics, AsvModel):
+        return 0.0, 0.0
+    return vessel.model.surge.alpha, vessel.model.sway.alpha

@@ -21,7 +21,7 @@ from platform_link.service import PlatformLink, PlatformLinkConfig
 from services.simulator.faults import CameraFaults
 from services.simulator.saved import Saved, load, save
 from services.simulator.service import Simulator, SimulatorConfig, with_flipped_bit
-from services.simulator.world import Current, World
+from services.simulator.world import Surroundings, World
 from services.vessels import load_vessel
 
 VESSEL = load_vessel("pladypos")
@@ -204,7 +204,7 @@ def test_orders_that_make_no_sense_stop_nothing(pool: Pool, caplog: pytest.LogCa
         pool.bus.publish_bytes("simulation/fault", b'{"kind": "earthquake"}')
         pool.bus.publish_bytes("simulation/fault", b"\xff\x00")
         pool.run(0.2)
-    assert "no thruster is called 'bow'; known: front_starboard" in caplog.text
+    assert "no actuator is called 'bow'; known: front_starboard" in caplog.text
     assert simulator.refused_orders == 1
     assert simulator.fault.malformed == 2
     assert len(pool.truths) >= 5
@@ -248,12 +248,12 @@ def test_an_old_or_damaged_state_file_is_left_alone(pool: Pool, caplog: pytest.L
 
 def test_all_faults_that_last_are_saved(tmp_path: Path) -> None:
     start = (1.0, 2.0, 0.5, 0.1, -0.2, 0.3)
-    world = World(VESSEL, Current(), 1, start, 0)
+    world = World(VESSEL, Surroundings(), 1, start, 0)
     world.kill(frozenset({"front_port"}))
     world.constant_current_m_s = (0.1, 0.2)
     camera = CameraFaults(shift_px=(3.0, -4.0), black=True, dropout=0.5)
     save(tmp_path / "state.json", Saved.of(5 * NS, world, camera))
-    other = World(VESSEL, Current(), 1, (2.0, 2.0, 0.0, 0.0, 0.0, 0.0), 6 * NS)
+    other = World(VESSEL, Surroundings(), 1, (2.0, 2.0, 0.0, 0.0, 0.0, 0.0), 6 * NS)
     saved = load(tmp_path / "state.json", 6 * NS)
     assert saved is not None
     assert saved.restore(other) == camera

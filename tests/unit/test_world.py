@@ -7,7 +7,7 @@ import pytest
 
 from marine.dynamics.integrate import State
 from marine.frames import to_tank
-from services.simulator.world import LONGEST_GAP_NS, Current, World
+from services.simulator.world import LONGEST_GAP_NS, Current, Surroundings, World
 from services.vessels import load_vessel
 
 VESSEL = load_vessel("pladypos")
@@ -18,7 +18,7 @@ ALL_AHEAD = dict.fromkeys(NAMES, 15.0)
 
 
 def world(state: State = MIDDLE, current: Current | None = None, seed: int = 1) -> World:
-    return World(VESSEL, current or Current(), seed, state, START_NS)
+    return World(VESSEL, Surroundings(current or Current()), seed, state, START_NS)
 
 
 def run(w: World, seconds: float, since_s: float = 0.0, step_ns: int = 16_666_667) -> None:

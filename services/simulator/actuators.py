@@ -1,0 +1,133 @@
+"""The vessel's actuators as they answer commands: delay, rate, lag, dead zone, failure; thesis 2.1, 3.1."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+
+from marine.actuators import Drive, lagged
+from marine.actuators.rudder import linear_force
+from marine.allocation import Wrench, allocation_matrix
+from marine.allocation.of_vessel import rudder_column
+from marine.dynamics.small_vessel import mean_square
+from marine.vessel import BilinearThrust, Rudder, Thruster, Vessel
+
+NO_WRENCH: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+_SETTLED = 1e-9
+
+
+class Actuators:
+    """Commands in, the wrench [X Y Z K M N] in {B} out.
+
+    A rudder's force is thesis (2.12), as the allocator takes it: the vessel files keep it below the stall angle.
+    """
+
+    def __init__(self, vessel: Vessel) -> None:
+        self.dead: frozenset[str] = frozenset()
+        """Actuators that give nothing whatever their command."""
+        self.values = {a.name: 0.0 for a in vessel.actuators}
+        """Where each actuator is, in the unit of its command."""
+        self.wrench = NO_WRENCH
+        self.n_squared = 0.0
+        """Mean square of the thrusters' commands as they turn: the setting n^2 of thesis (2.38)."""
+        self._targets = dict(self.values)
+        self._actuators = vessel.actuators
+        self._columns = [tuple(column) for column in allocation_matrix(vessel.actuators).T.tolist()]
+        self._drives = {a.name: Drive(a) for a in vessel.actuators if not isinstance(a, Rudder)}
+        self._limits = {a.name: (a.lowest, a.n_max) for a in vessel.actuators}
+        self._thrusters = [a.name for a in vessel.actuators if isinstance(a, Thruster)]
+        self._slow = [a for a in vessel.actuators if a.lag_s > 0.0 or a.rate_per_s is not None]
+        self.feel_flow = any(
+            (isinstance(a, Rudder) and a.k_r1 > 0.0)
+            or (isinstance(a, Thruster) and isinstance(a.characteristic, BilinearThrust))
+            for a in vessel.actuators
+        )
+        """Whether the wrench depends on the vessel's speed through water."""
+        self._delay_ns = round(vessel.command_delay_s * 1e9)
+        self._under_way: deque[tuple[int, dict[str, float]]] = deque()
+        self._moving = False
+        self._U = 0.0
+
+    def command(self, commands: Mapping[str, float], now_ns: int) -> None:
+        """Take new commands; they reach the actuators after the delay, at once where there is none."""
+        if self._delay_ns:
+            if not self._under_way or self._under_way[-1][1] != commands:
+                self._under_way.append((now_ns + self._delay_ns, dict(commands)))
+        else:
+            self._aim(commands)
+
+    def kill(self, names: frozenset[str]) -> None:
+        """Let these be dead, and no others."""
+        self.dead = names
+        self._push()
+
+    def next_ns(self) -> int | None:
+        """Return when the next delayed command arrives, None when none is under way."""
+        return self._under_way[0][0] if self._under_way else None
+
+    def advance(self, now_ns: int, dt_s: float, U: float) -> None:
+        """Go on by dt_s to now at the vessel's speed U through water, in m/s."""
+        while self._under_way and self._under_way[0][0] <= now_ns:
+            self._aim(self._under_way.popleft()[1])
+        if self._moving:
+            self._move(dt_s)
+        elif not (self.feel_flow and U != self._U):
+            return
+        self._U = U
+        self._push()
+
+    def _aim(self, commands: Mapping[str, float]) -> None:
+        targets = {n: max(low, min(high, commands.get(n, 0.0))) for n, (low, high) in self._limits.items()}
+        if targets == self._targets:
+            return
+        self._targets = targets
+        if self._slow:
+            self._moving = True
+            slow = {a.name for a in self._slow}
+            self.values = {n: self.values[n] if n in slow else target for n, target in targets.items()}
+        else:
+            self.values = targets
+        self._push()
+
+    def _move(self, dt_s: float) -> None:
+        self._moving = False
+        values = dict(self.values)
+        for actuator in self._slow:
+            name = actuator.name
+            before, target = values[name], self._targets[name]
+            after = lagged(before, target, dt_s, actuator.lag_s)
+            if actuator.rate_per_s is not None:
+                reach = actuator.rate_per_s * dt_s
+                after = max(before - reach, min(before + reach, after))
+            if abs(after - target) < _SETTLED * max(1.0, abs(target)):
+                after = target
+            self._moving = self._moving or after != target
+            values[name] = after
+        self.values = values
+
+    def _push(self) -> None:
+        X = Y = Z = K = M = N = 0.0
+        for actuator, column in zip(self._actuators, self._columns, strict=True):
+            name = actuator.name
+            if name in self.dead:
+                continue
+            if isinstance(actuator, Rudder):
+                wash = 0.0 if actuator.behind in self.dead else max(0.0, self.values[actuator.behind])
+                delta = self.values[name]
+                force = linear_force(delta, wash, self._U, actuator.k_r1, actuator.k_r2)
+                x, y, z, k, m, n = rudder_column(actuator, delta)
+            else:
+                force = self._drives[name].at(self._U).thrust(self.values[name])
+                x, y, z, k, m, n = column
+            X, Y, Z = X + x * force, Y + y * force, Z + z * force
+            K, M, N = K + k * force, M + m * force, N + n * force
+        self.wrench = (X, Y, Z, K, M, N)
+        if self._thrusters:
+            self.n_squared = mean_square([0.0 if n in self.dead else self.values[n] for n in self._thrusters])
+
+
+def relative_speed(u: float, v: float, psi_rad: float, water_m_s: tuple[float, float]) -> float:
+    """Return U in m/s through water that moves in {E}; u, v in {B}."""
+    c, s = math.cos(psi_rad), math.sin(psi_rad)
+    return math.hypot(u - c * water_m_s[0] - s * water_m_s[1], v + s * water_m_s[0] - c * water_m_s[1])
