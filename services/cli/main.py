@@ -34,6 +34,7 @@ COMMANDS = {
     "mode": "services.cli.mode:mode",
     "track": "services.cli.track:track",
     "vessels": "services.cli.vessels:vessels",
+    "simulate": "services.cli.simulate:simulate",
     "tune": "services.cli.tune:tune",
     "bench": "services.cli.bench:bench",
 }
