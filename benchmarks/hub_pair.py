@@ -15,8 +15,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple, Self
 
-from benchmarks.running_star import ROOT, free_port, wait_for
+from benchmarks.running_star import ROOT, free_port, secure, wait_for
 from bus.messages import AttainedWrench, HubStatistics
+from bus.security import Secured, client_settings
 from bus.service import RawSample
 from bus.topics import ACTUATOR_ATTAINED, HUB_STATISTICS
 from bus.zenoh_bus import HubUnreachableError, ZenohBus
@@ -26,16 +27,19 @@ STREAM_HZ = 100.0
 
 
 class HubPair:
-    """One hub, with `standby=True` two, in a run directory of their own."""
+    """One hub, with `standby=True` two, in a run directory of their own; `secured`: with TLS, passwords and rules."""
 
-    def __init__(self, *, standby: bool = True) -> None:
+    def __init__(self, *, standby: bool = True, secured: bool = False) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="sb-", dir="/dev/shm" if os.path.isdir("/dev/shm") else None)
         self.folder = Path(self._folder.name)
-        self.hub, self.standby = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
+        self.hub, self.standby = (f"{'tls' if secured else 'tcp'}/127.0.0.1:{free_port()}" for _ in range(2))
         self.endpoints = (self.hub, self.standby) if standby else (self.hub,)
-        (self.folder / "config.toml").write_text(
+        config = self.folder / "config.toml"
+        config.write_text(
             f'[hub]\nlisten = ["{self.hub}"]\nstandby = "{self.standby if standby else ""}"\n'
+            + (f'security = "{self.folder}/keys"\n' if secured else "")
         )
+        self._keys = secure(config) if secured else None
         self.names = ("hub", "hub_standby") if standby else ("hub",)
         self.processes: dict[str, subprocess.Popen[bytes]] = {}
         self._clients: list[ZenohBus] = []
@@ -77,7 +81,7 @@ class HubPair:
         def up() -> bool:
             assert self.processes[name].poll() is None, (self.folder / f"{name}.txt").read_text()
             try:
-                bus = ZenohBus.connect(VESSEL, (address,), 0.5)
+                bus = ZenohBus.connect(VESSEL, (address,), 0.5, self.secured_as("operator"))
             except HubUnreachableError:
                 return False
             with contextlib.closing(bus):
@@ -93,9 +97,13 @@ class HubPair:
                 return HubStatistics.decode(value.payload)
         return None
 
-    def client(self) -> ZenohBus:
+    def secured_as(self, user: str) -> Secured | None:
+        """Return the settings of a user, None where the hubs ask for no password."""
+        return client_settings(self._keys, user) if self._keys else None
+
+    def client(self, user: str = "operator") -> ZenohBus:
         """Return a client that knows both hubs; it leaves with this object."""
-        self._clients.append(ZenohBus.connect(VESSEL, self.endpoints, 10.0))
+        self._clients.append(ZenohBus.connect(VESSEL, self.endpoints, 10.0, self.secured_as(user)))
         return self._clients[-1]
 
     def kill(self, name: str) -> None:

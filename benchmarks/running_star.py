@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from bus.messages import HelmAnswer, Message, OperatorRequest
+from bus.security import client_settings
 from bus.service import RawSample
 from bus.topics import HELM_ANSWER, OPERATOR_REQUEST, Topic
 from bus.zenoh_bus import ZenohBus
@@ -29,6 +30,16 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
+
+
+def secure(config: Path) -> Path:
+    """Run `starboard secure init` for a configuration file and return the folder that it names."""
+    folder = config.parent / "keys"
+    subprocess.run(
+        [sys.executable, "-m", "services.cli.main", "secure", "init", str(folder), "--config", str(config)],
+        cwd=ROOT, check=True, stdout=subprocess.DEVNULL,
+    )  # fmt: skip
+    return folder
 
 
 def wait_for(condition: Callable[[], Any], timeout_s: float, what: str) -> Any:
@@ -46,21 +57,32 @@ def wait_for(condition: Callable[[], Any], timeout_s: float, what: str) -> Any:
 class RunningStar:
     """`starboard up` with a configuration and a run directory of its own.
 
-    `sections` are lines of TOML besides [system], [hub] and [ui]; `system` further lines of [system].
+    `sections` are lines of TOML besides [system], [hub] and [ui]; `system` further lines of [system]; `secured`: with
+    TLS, passwords and access rules.
     """
 
-    def __init__(self, sections: str = "", system: str = "simulation = true", vessel: str = "pladypos") -> None:
+    def __init__(
+        self,
+        sections: str = "",
+        system: str = "simulation = true",
+        vessel: str = "pladypos",
+        *,
+        secured: bool = False,
+    ) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="sb-", dir="/dev/shm" if os.path.isdir("/dev/shm") else None)
         self.folder = Path(self._folder.name)
         self.run_dir = self.folder / "run"
         self.recordings = self.folder / "recordings"
-        self.hub, self.standby = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
+        self.hub, self.standby = (f"{'tls' if secured else 'tcp'}/127.0.0.1:{free_port()}" for _ in range(2))
         self.page_port = free_port()
         self.config = self.folder / "config.toml"
         self.config.write_text(
             f'[system]\nvessel = "{vessel}"\nrecordings = "{self.recordings}"\n{system}\n'
-            f'[hub]\nlisten = ["{self.hub}"]\nstandby = "{self.standby}"\n[ui]\nport = {self.page_port}\n{sections}\n'
+            f'[hub]\nlisten = ["{self.hub}"]\nstandby = "{self.standby}"\n'
+            + (f'security = "{self.folder}/keys"\n' if secured else "")
+            + f"[ui]\nport = {self.page_port}\n{sections}\n"
         )
+        self._secured = client_settings(secure(self.config), "operator") if secured else None
         self.vessel = Path(vessel).stem
         self.environment = os.environ | {"STARBOARD_RUN_DIR": str(self.run_dir), "PYTHONUNBUFFERED": "1"}
         self.output = self.folder / "up.txt"
@@ -75,7 +97,7 @@ class RunningStar:
                 cwd=ROOT, env=self.environment, stdout=out, stderr=subprocess.STDOUT,
             )  # fmt: skip
         try:
-            self._bus = ZenohBus.connect(self.vessel, (self.hub, self.standby), 30.0)
+            self._bus = ZenohBus.connect(self.vessel, (self.hub, self.standby), 30.0, self._secured)
             self._bus.subscribe("**", self._hear)
         except BaseException:
             self.__exit__()

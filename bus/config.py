@@ -40,7 +40,7 @@ def parse(model: type[S], values: Any, path: Path, section: str = "") -> S:
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         key = ".".join(str(part) for part in ([section] if section else []) + list(first["loc"]))
-        reason = "no such key" if first["type"] == "extra_forbidden" else first["msg"]
+        reason = "no such key" if first["type"] == "extra_forbidden" else first["msg"].removeprefix("Value error, ")
         known = ""
         if first["type"] == "extra_forbidden" and len(first["loc"]) == 1:
             known = f"; known: {', '.join(model.model_fields)}"
@@ -60,3 +60,5 @@ class Deployment:
     """Where clients find a hub: the hub's addresses, then the standby's."""
     hub_standby: str = ""
     """Where the standby hub listens; empty when there is none."""
+    security: Path | None = None
+    """Folder of keys, passwords and access rules; None: anybody who reaches the hub is let in."""

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from bus import topics
 from bus.clock import NS
 from bus.config import Deployment, Section
 from bus.messages import HubStatistics, Traffic
+from bus.security import hub_settings, is_local
 from bus.service import Output, Service
 from bus.store import Store
 from bus.zenoh_bus import HubBus
@@ -28,6 +30,27 @@ class HubConfig(Section):
 
     listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     standby: str = Field("tcp/127.0.0.1:7448", description="where the standby hub listens; empty for none")
+    security: Path | None = Field(
+        None, description="folder made by `starboard secure init`: only users with a password, and only what is theirs"
+    )
+    open: bool = Field(False, description="listen on a network address without `security`: anybody there may steer")
+
+    @property
+    def addresses(self) -> tuple[str, ...]:
+        """Where the hub listens, then the standby."""
+        return (*self.listen, self.standby) if self.standby else self.listen
+
+    @model_validator(mode="after")
+    def _is_guarded(self) -> Self:
+        for address in self.addresses:
+            if self.security and not address.startswith("tls/"):
+                raise ValueError(f"{address}: with `security` every address begins with tls/")
+            if not (self.security or self.open or is_local(address)):
+                raise ValueError(
+                    f"{address} is open to the network, where anybody could steer: run `starboard secure init DIR` "
+                    'and set security = "DIR" (or open = true to do without)'
+                )
+        return self
 
 
 def is_latched(key: str) -> bool:
@@ -50,6 +73,7 @@ class Hub(Service):
 
     def _prepare(self, deployment: Deployment) -> None:
         self._store = Store(is_latched)
+        self._security = deployment.security
         self._snapshot = deployment.run_dir / f"{self.name}.snapshot"
         self._bus: HubBus | None = None
         self._started_s = self._linked_s = self._saved_s = self._published_s = 0.0
@@ -58,7 +82,8 @@ class Hub(Service):
     def open_bus(self, vessel: str) -> HubBus:
         """Return the hub's own end of the bus; it listens from now on. Raises ConfigError for a taken address."""
         self._load()
-        self._bus = HubBus.listen(vessel, self._listen, self._store, self._link)
+        secured = hub_settings(self._security, StandbyHub.name) if self._security else None
+        self._bus = HubBus.listen(vessel, self._listen, self._store, self._link, secured)
         return self._bus
 
     def start(self, now_s: float) -> None:
@@ -141,7 +166,7 @@ class StandbyHub(Hub):
 
     def __init__(self, deployment: Deployment) -> None:
         self._listen = (deployment.hub_standby,)
-        self._link = tuple(e for e in deployment.hub_endpoints if e != deployment.hub_standby)
+        self._link = deployment.hub_endpoints[:-1]
         self._alone = False
         self._prepare(deployment)
 

@@ -18,6 +18,7 @@ from bus.clock import Clock, SystemClock
 from bus.config import ConfigError
 from bus.keys import is_pattern
 from bus.messages import Message
+from bus.security import Secured
 from bus.service import Input, RawSample, Service, first_line
 from bus.store import Entry, Store
 from bus.topics import Qos, Topic
@@ -39,6 +40,8 @@ _STORE_BACKLOG = 10_000
 
 _DUMP = "@hub/store"
 """Where a hub gives all its values to the other one; no wildcard fits a chunk with an @."""
+
+_REFUSED = " (or it refuses our password)"  # Zenoh does not tell the difference
 
 _PRIORITY = {
     Qos.COMMAND: zenoh.Priority.REAL_TIME,
@@ -64,7 +67,9 @@ class LastValue:
     source: str
 
 
-def _settings(mode: str, listen: tuple[str, ...], connect: tuple[str, ...], timeout_ms: int) -> zenoh.Config:
+def _settings(
+    mode: str, listen: tuple[str, ...], connect: tuple[str, ...], timeout_ms: int, secured: Secured
+) -> zenoh.Config:
     link = {"tx": {"lease": LEASE_MS}, "rx": {"max_message_size": MAX_MESSAGE_BYTES}}
     values: dict[str, Any] = {
         "mode": mode,
@@ -80,14 +85,19 @@ def _settings(mode: str, listen: tuple[str, ...], connect: tuple[str, ...], time
             "exit_on_failure": timeout_ms >= 0,
             "retry": {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2},
         }
-    return zenoh.Config.from_json5(json.dumps(values))
+    config = zenoh.Config.from_json5(json.dumps(values))
+    for path, value in secured.items():
+        config.insert_json5(path, json.dumps(value))
+    return config
 
 
-def _open(mode: str, endpoints: tuple[str, ...], timeout_ms: int, link: tuple[str, ...] = ()) -> zenoh.Session:
+def _open(
+    mode: str, endpoints: tuple[str, ...], timeout_ms: int, link: tuple[str, ...] = (), secured: Secured | None = None
+) -> zenoh.Session:
     zenoh.init_log_from_env_or("off")  # its own lines repeat what we say in one
     listen, connect = ((), endpoints) if mode == "client" else (endpoints, link)
     try:
-        return zenoh.open(_settings(mode, listen, connect, timeout_ms))
+        return zenoh.open(_settings(mode, listen, connect, timeout_ms, secured or {}))
     except zenoh.ZError as error:
         where = ", ".join(endpoints)
         if mode == "client":
@@ -109,22 +119,34 @@ class ZenohBus:
         self._kept: list[Any] = []  # declarations live as long as these references
 
     @classmethod
-    def connect(cls, vessel: str, endpoints: tuple[str, ...], timeout_s: float | None = None) -> ZenohBus:
-        """Return a client of the hub, waiting for it as long as it takes, or raise HubUnreachableError."""
+    def connect(
+        cls,
+        vessel: str,
+        endpoints: tuple[str, ...],
+        timeout_s: float | None = None,
+        secured: Secured | None = None,
+    ) -> ZenohBus:
+        """Return a client of the hub, waiting for it as long as it takes, or raise HubUnreachableError.
+
+        `secured`: `bus.security.client_settings`, where the hub asks for a password.
+        """
         begin_s = time.monotonic()
         told = False
         for turn in itertools.count():
             # Zenoh would wait for the first address for ever, though another answers. Once connected it tries them all.
             first = turn % len(endpoints)
             with contextlib.suppress(HubUnreachableError):
-                return cls(_open("client", (*endpoints[first:], *endpoints[:first]), TRY_MS), vessel)
+                in_turn = (*endpoints[first:], *endpoints[:first])
+                return cls(_open("client", in_turn, TRY_MS, secured=secured), vessel)
             waited_s = time.monotonic() - begin_s
             if timeout_s is not None and waited_s >= timeout_s:
                 break
             if timeout_s is None and waited_s > REMIND_S and not told:
                 told = True
-                log.warning("waiting for the hub at %s", ", ".join(endpoints))
-        raise HubUnreachableError(f"no hub answers at {', '.join(endpoints)}: is `starboard up` running?")
+                log.warning("waiting for the hub at %s%s", ", ".join(endpoints), _REFUSED if secured else "")
+        raise HubUnreachableError(
+            f"no hub answers at {', '.join(endpoints)}{_REFUSED if secured else ''}: is `starboard up` running?"
+        )
 
     def attach(self, service: Service, wake: Callable[[], None]) -> None:
         """Declare a service's ports; `wake` is called from another thread when an input that wakes has something."""
@@ -266,9 +288,16 @@ class HubBus(ZenohBus):
         self._answers = session.declare_queryable(everything, self._answer)
 
     @classmethod
-    def listen(cls, vessel: str, endpoints: tuple[str, ...], store: Store, link: tuple[str, ...] = ()) -> HubBus:
+    def listen(
+        cls,
+        vessel: str,
+        endpoints: tuple[str, ...],
+        store: Store,
+        link: tuple[str, ...] = (),
+        secured: Secured | None = None,
+    ) -> HubBus:
         """Return a router that listens at `endpoints` and links to `link`; raise ConfigError for a taken address."""
-        return cls(_open("router", endpoints, -1, link), vessel, store)
+        return cls(_open("router", endpoints, -1, link, secured), vessel, store)
 
     @property
     def clients(self) -> int:

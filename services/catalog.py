@@ -102,6 +102,11 @@ class Settings:
         return parse(HubConfig, self.tables.get("hub", {}), self.path or Path("defaults"), "hub")
 
     @property
+    def vessel_name(self) -> str:
+        """The vessel's name: the prefix of all keys."""
+        return vessel_path(self.system.vessel).stem
+
+    @property
     def processes(self) -> tuple[Process, ...]:
         """The processes that this configuration starts."""
         vessel = load_vessel(self.system.vessel)
@@ -139,9 +144,15 @@ class Settings:
             vessel_path=vessel_path(self.system.vessel),
             run_dir=run_dir(),
             recordings_dir=self.system.recordings.absolute(),
-            hub_endpoints=(*hub.listen, hub.standby) if hub.standby else hub.listen,
+            hub_endpoints=tuple(_reachable(address) for address in hub.addresses),
             hub_standby=hub.standby,
+            security=hub.security and hub.security.absolute(),
         )
+
+
+def _reachable(address: str) -> str:
+    """Return where this machine's clients find a hub that listens on all interfaces."""
+    return address.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:")
 
 
 def load_settings(path: Path | None) -> Settings:

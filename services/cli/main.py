@@ -38,7 +38,12 @@ COMMANDS = {
     "tune": "services.cli.tune:tune",
     "bench": "services.cli.bench:bench",
 }
-GROUPS = {"identify": "services.cli.identify:app", "log": "services.cli.log:app", "camera": "services.cli.camera:app"}
+GROUPS = {
+    "identify": "services.cli.identify:app",
+    "log": "services.cli.log:app",
+    "camera": "services.cli.camera:app",
+    "secure": "services.cli.secure:app",
+}
 
 
 def _load(target: str) -> object:

@@ -15,7 +15,9 @@ def run(
     config: Annotated[
         Path | None, typer.Option(help="Configuration file; without it the one of the running system, or defaults.")
     ] = None,
-    hub: Annotated[str | None, typer.Option(help="Address of the hub, such as tcp/127.0.0.1:7447.")] = None,
+    hub: Annotated[
+        str | None, typer.Option(help="Addresses of hub and standby, such as tls/10.0.0.1:7447,tls/10.0.0.1:7448.")
+    ] = None,
 ) -> None:
     """Run one service until Ctrl-C or SIGTERM. It waits for the hub, and finds it again after a loss."""
     from bus.run import prepare_process
@@ -30,10 +32,14 @@ def run(
 
     from bus.hub import Hub
     from bus.run import run as run_loop
+    from bus.security import client_settings
     from bus.zenoh_bus import ZenohBus
-    from services.vessels import vessel_path
 
-    endpoints = (hub,) if hub else settings.deployment().hub_endpoints
-    vessel = vessel_path(settings.system.vessel).stem
-    bus = service.open_bus(vessel) if isinstance(service, Hub) else ZenohBus.connect(vessel, endpoints)
-    run_loop(service, bus)
+    vessel = settings.vessel_name
+    if isinstance(service, Hub):
+        run_loop(service, service.open_bus(vessel))
+        return
+    deployment = settings.deployment()
+    endpoints = tuple(hub.split(",")) if hub else deployment.hub_endpoints
+    secured = client_settings(deployment.security, name) if deployment.security else None
+    run_loop(service, ZenohBus.connect(vessel, endpoints, secured=secured))

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from bus.zenoh_bus import ZenohBus
 
 
+SECURITY = "STARBOARD_SECURITY"
+"""Environment variable that names the security folder, for tools on a machine where no system runs."""
+
+
 @dataclass(frozen=True)
 class System:
     """Where a system can be found."""
@@ -26,6 +30,7 @@ class System:
     page: str
     config: Path | None
     recordings: Path
+    security: Path | None = None
 
     def write(self, path: Path) -> None:
         """Write `current.json`."""
@@ -36,6 +41,7 @@ class System:
             "page": self.page,
             "config": str(self.config) if self.config else None,
             "recordings": str(self.recordings),
+            "security": str(self.security) if self.security else None,
         }
         path.write_text(json.dumps(values, indent=2))
 
@@ -55,9 +61,9 @@ def running() -> System | None:
     except (OSError, ValueError, KeyError):
         return None
     config = Path(values["config"]) if values["config"] else None
-    return System(
-        values["pid"], values["vessel"], tuple(values["hub"]), values["page"], config, Path(values["recordings"])
-    )
+    security = Path(values["security"]) if values["security"] else None
+    hub, recordings = tuple(values["hub"]), Path(values["recordings"])
+    return System(values["pid"], values["vessel"], hub, values["page"], config, recordings, security)
 
 
 def service_states() -> list[dict[str, Any]]:
@@ -75,8 +81,10 @@ def service_states() -> list[dict[str, Any]]:
 def client(hub: str | None, timeout_s: float = 2.0, vessel: str | None = None) -> Iterator[ZenohBus]:
     """Connect a tool to the hub of the running system, or to the one given; raise CliError when nobody answers.
 
-    `vessel` is the prefix of all keys, where it is not the running system's.
+    `vessel` is the prefix of all keys, where it is not the running system's. The password of `operator` is the running
+    system's, or that of the folder in STARBOARD_SECURITY.
     """
+    from bus.security import client_settings
     from bus.zenoh_bus import HubUnreachableError, ZenohBus
     from services.catalog import load_settings
 
@@ -86,9 +94,14 @@ def client(hub: str | None, timeout_s: float = 2.0, vessel: str | None = None) -
         prefix, endpoints = load_settings(None).system.vessel, deployment.hub_endpoints
     else:
         prefix = system.vessel if system else load_settings(None).system.vessel
-        endpoints = (hub,) if hub else (system.hub if system else ())
+        endpoints = tuple(hub.split(",")) if hub else (system.hub if system else ())
+    given = os.environ.get(SECURITY)
+    folder = Path(given) if given else system.security if system else None
+    if folder is None and any(address.startswith("tls/") for address in endpoints):
+        raise CliError(f"this hub asks for a password: set {SECURITY} to the folder made by `starboard secure init`")
+    secured = client_settings(folder, "operator") if folder else None
     try:
-        bus = ZenohBus.connect(vessel or prefix, endpoints, timeout_s)
+        bus = ZenohBus.connect(vessel or prefix, endpoints, timeout_s, secured)
     except HubUnreachableError as error:
         raise CliError(str(error)) from None
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import time
@@ -30,6 +31,7 @@ def up(
 
     settings = load_settings(config)
     settings.check()
+    check_rules(settings)
     if (other := running()) is not None:
         raise CliError(
             f"a system runs already (pid {other.pid}, {other.page}): stop it with Ctrl-C there, "
@@ -40,8 +42,16 @@ def up(
     for old in deployment.run_dir.glob("*.snapshot"):
         old.unlink()  # what an earlier system knew is not this one's state
     page = page_address(settings)
-    vessel = deployment.vessel_path.stem if deployment.vessel_path else settings.system.vessel
-    system = System(os.getpid(), vessel, deployment.hub_endpoints, page, settings.path, deployment.recordings_dir)
+    vessel = settings.vessel_name
+    system = System(
+        os.getpid(),
+        vessel,
+        deployment.hub_endpoints,
+        page,
+        settings.path,
+        deployment.recordings_dir,
+        deployment.security,
+    )
     system.write(current_path())
     print(f"Starboard: {vessel}, {config}; page: {page}  recordings: {deployment.recordings_dir}  (Ctrl-C stops)")
     try:
@@ -49,6 +59,20 @@ def up(
     finally:
         current_path().unlink(missing_ok=True)
         print("Starboard: everything has stopped")
+
+
+def check_rules(settings: Settings) -> None:
+    """Raise CliError when the access rules are not those of this configuration's services."""
+    if (folder := settings.hub.security) is None:
+        return
+    from bus.security import read_rules
+    from services.access import access_rules
+
+    if read_rules(folder) != json.loads(json.dumps(access_rules(settings.vessel_name, settings.processes))):
+        config = f" --config {settings.path}" if settings.path else ""
+        raise CliError(
+            f"{folder}: its access rules are not those of these services: run `starboard secure init {folder}{config}`"
+        )
 
 
 def page_address(settings: Settings) -> str:
