@@ -21,7 +21,8 @@ def test_every_input_has_a_publisher_and_every_output_its_owner() -> None:
     published = {t.key for p in PROCESSES for t in published_by(p)}
     for process in PROCESSES:
         for topic in published_by(process):
-            assert owned[topic.key] in (process.name.removesuffix("_standby"), topics.OPERATOR), f"{process.name} publishes {topic.key}"
+            owners = (process.name.removesuffix("_standby"), topics.OPERATOR)
+            assert owned[topic.key] in owners, f"{process.name} publishes {topic.key}"
         for topic in read_by(process):
             assert topic.key in published or owned[topic.key] == topics.OPERATOR, f"nobody publishes {topic.key}"
 
