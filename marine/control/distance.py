@@ -1,0 +1,64 @@
+"""Distance keeping: I-PD of the angle to a wall and of the distance from it, thesis 8.2.2."""
+
+from __future__ import annotations
+
+import math
+
+from marine.control.model_function import Coefficients
+from marine.control.single_loop import TRACKING_TIME, SingleLoop
+from marine.control.stability import limited
+from marine.control.structures import STRUCTURES, LoopDesign, design
+from marine.vessel import DegreeOfFreedom
+
+
+class DistanceKeeping:
+    """N from phi and r, (8.41), (8.43); X from d and u cos(phi), (8.42) corrected (see docs/errata.md), (8.44).
+
+    The loop of the distance is that of -d, which a push forward makes larger. phi_ref is zero: only near it are the two
+    loops independent, so the angle's is engaged first. Drag compensation is limited by (8.26); what the limits cut goes
+    to the anti-windup (8.29).
+    """
+
+    def __init__(
+        self,
+        surge: DegreeOfFreedom,
+        yaw: DegreeOfFreedom,
+        a_d: Coefficients,
+        a_phi: Coefficients,
+        X_n: float,
+        N_nm: float,
+    ) -> None:
+        """a_d, a_phi: (a1, a2, a3) of the model functions; X_n, N_nm: largest |X|, |N|.
+
+        Raise ValueError when a design is not robustly stable, (8.22).
+        """
+        self.distance = _Loop(limited(design(STRUCTURES["I-PD"], surge, a_d)), a_d, X_n)
+        self.angle = _Loop(limited(design(STRUCTURES["I-PD"], yaw, a_phi)), a_phi, N_nm)
+
+    def steer(self, dt_s: float, phi_rad: float, r_rad_s: float) -> float:
+        """Return N in Nm that turns the vessel towards the wall."""
+        return self.angle.step(dt_s, -phi_rad, phi_rad, r_rad_s)
+
+    def drive(self, dt_s: float, reference_m: float, distance_m: float, phi_rad: float, u_m_s: float) -> float:
+        """Return X in N that brings the vessel to the wanted distance."""
+        return self.distance.step(dt_s, distance_m - reference_m, -distance_m, u_m_s * math.cos(phi_rad))
+
+
+class _Loop:
+    """A `SingleLoop` that starts from zero force where it is first stepped, within limits."""
+
+    def __init__(self, made: LoopDesign, a: Coefficients, limit: float) -> None:
+        w0_rad_s = a[2] ** (-1.0 / 3.0)
+        self._loop, self._limit = SingleLoop(made, TRACKING_TIME / w0_rad_s), limit
+        self._before: float | None = None
+        self._missing = 0.0
+
+    def step(self, dt_s: float, error: float, eta: float, nu: float) -> float:
+        if self._before is None:
+            self._loop.follow(0.0, nu)
+            dt_s, self._before = 0.0, eta
+        self._loop.advance(dt_s, error, eta - self._before, self._missing)
+        wanted = self._loop.demand(nu)
+        tau = max(-self._limit, min(self._limit, wanted))
+        self._before, self._missing = eta, tau - wanted
+        return tau
