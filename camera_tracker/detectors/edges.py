@@ -46,95 +46,154 @@ class Outline:
     step_px: float
 
 
-def fit_outline(grey: NDArray[np.float32], corners: Floats, reach_px: float) -> Outline | None:
+@dataclass(frozen=True)
+class _Crossing:
+    """Profiles across four edges. offsets (4, n): of the edge from the line, px. good: those that show a step."""
+
+    offsets: Floats
+    good: NDArray[np.bool_]
+    contrast: Floats
+    width_px: float
+
+
+@dataclass(frozen=True)
+class _Line:
+    """offsets = offset + slope t of each of four edges, and which points it goes through."""
+
+    offset: Floats
+    slope: Floats
+    good: NDArray[np.bool_]
+    residual: Floats
+
+    def step_px(self) -> float:
+        return float((np.abs(self.offset) + 0.5 * np.abs(self.slope)).max())
+
+    def scatter(self) -> tuple[Floats, Floats]:
+        """Return the variance of each edge's inliers, and what of it steps between neighbours do not explain."""
+        inliers = self.residual * self.good
+        spread = np.einsum("ij,ij->i", inliers, inliers) / np.maximum(self.good.sum(axis=1) - 2, 1)
+        pairs = self.good[:, 1:] & self.good[:, :-1]
+        steps = (inliers[:, 1:] - inliers[:, :-1]) * pairs
+        white = 0.5 * np.einsum("ij,ij->i", steps, steps) / np.maximum(pairs.sum(axis=1), 1)
+        return spread, np.maximum(spread - 1.6 * white, 0.0)
+
+
+def fit_outline(grey: NDArray[np.float32], corners: Floats, reach_px: float, *, near: bool = False) -> Outline | None:
     """Return the outline of a dark quadrilateral near corners (4, 2), clockwise; None where there is none.
 
     `reach_px`: how far from its line each edge is looked at. It must be less than the ring of one colour on either
-    side is wide. The first iteration takes the steepest place of each profile, the others the middle of its gradient.
+    side is wide. The first iteration takes the steepest place of each profile, the others the middle of its gradient;
+    `near` leaves the first out: each edge is well within reach.
     """
     sides = corners[_NEXT] - corners
     lengths = np.hypot(sides[:, 0], sides[:, 1])
     if not 6.0 < lengths.min() <= lengths.max() < 2.0 * max(grey.shape):
         return None
-    along = _along(int(min(max(lengths.min(), 10.0), _POINTS)))
-    outline = _fit(grey, corners, along, 1.4 * reach_px, capture=True)
-    for _ in range(_ITERATIONS):
-        if outline is None:
+    count = int(min(max(lengths.min(), 10.0), _POINTS))
+    if not near:
+        first = _step(grey, corners, count, 1.4 * reach_px, capture=True)
+        if first is None:
             return None
-        outline = _fit(grey, outline.corners, along, reach_px, capture=False)
-        if outline is not None and outline.step_px < _SETTLED_PX:
+        corners = first[0]
+    for k in range(_ITERATIONS):
+        fitted = _step(grey, corners, count, reach_px, capture=False)
+        if fitted is None:
+            return None
+        corners, crossing, line = fitted
+        step_px = line.step_px()
+        if step_px < _SETTLED_PX or k == _ITERATIONS - 1:
             break
-    return outline
-
-
-@lru_cache(maxsize=64)
-def _along(count: int) -> Floats:
-    return np.linspace(_INSET, 1.0 - _INSET, count)
+    inliers = line.good.sum(axis=1)
+    spread, bent = line.scatter()
+    return Outline(
+        corners=corners,
+        contrast=crossing.contrast,
+        inliers=inliers / count,
+        std_px=np.sqrt(spread / np.maximum(inliers, 1)),
+        bent_px=math.sqrt(float(bent.max())),
+        width_px=crossing.width_px,
+        step_px=step_px,
+    )
 
 
 @lru_cache(maxsize=256)
-def _across(reach_quarter_px: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return places across an edge, the middles between them, the window over those, and its slope's weight.
+def _places(count: int, reach_quarter_px: int) -> tuple[NDArray[np.float32], NDArray[np.float32], Floats]:
+    """Return places (3, count * across): 1, part of the edge, px across; weights (across, 4); middles between places.
 
-    The window sees a part of a step only, because the tails of a blurred edge leave it: with gradient g(s) the middle
-    of w g moves by the fraction sum((w + s w') g) / sum(w g) of the step.
+    The weights turn a profile into sums over its gradient g(s), seen through a window w: w g, s w g, (w + s w') g and
+    s^2 w g. The window sees a part of a step only, because the tails of a blurred edge leave it: when the edge moves,
+    the middle of w g moves by the fraction sum((w + s w') g) / sum(w g) of that.
     """
     reach_px = 0.25 * reach_quarter_px
     across = np.linspace(-reach_px, reach_px, 2 * math.ceil(reach_px / max(0.5, reach_px / 8.0)) + 1)
     middle = 0.5 * (across[1:] + across[:-1])
     k = 0.5 * math.pi / (reach_px + 0.5)
     window = np.cos(k * middle) ** 2
-    return across, middle, window, window - k * middle * np.sin(2.0 * k * middle)
+    slope_window = window - k * middle * np.sin(2.0 * k * middle)
+    of_gradient = np.stack([window, middle * window, slope_window, middle**2 * window], axis=1)
+    weights = -np.diff(np.pad(of_gradient, ((1, 1), (0, 0))), axis=0)
+    along, far = (v.ravel() for v in np.meshgrid(_along(count) + 0.5, across, indexing="ij"))
+    return np.stack([np.ones_like(along), along, far]).astype(np.float32), weights.astype(np.float32), middle
 
 
-def _fit(
-    grey: NDArray[np.float32], corners: Floats, along: Floats, reach_px: float, *, capture: bool
-) -> Outline | None:
-    """Measure profiles across the edges and move each edge onto the line that fits them."""
+@lru_cache(maxsize=64)
+def _along(count: int) -> Floats:
+    """Return the places of the profiles on an edge, -0.5 to 0.5."""
+    return np.linspace(_INSET - 0.5, 0.5 - _INSET, count)
+
+
+@lru_cache(maxsize=64)
+def _powers(count: int) -> NDArray[np.float32]:
+    t = _along(count)
+    return np.stack([np.ones_like(t), t, t * t], axis=1).astype(np.float32)
+
+
+def _step(
+    grey: NDArray[np.float32], corners: Floats, count: int, reach_px: float, *, capture: bool
+) -> tuple[Floats, _Crossing, _Line] | None:
+    """Move each edge onto the line that fits the profiles across it."""
     ends = corners[_NEXT]
     sides = ends - corners
     lengths = np.hypot(sides[:, 0], sides[:, 1])
     if lengths.min() < 5.0:
         return None
     normals = np.stack([sides[:, 1], -sides[:, 0]], axis=1) / lengths[:, None]
-    across, middle, window, slope_window = _across(round(4.0 * reach_px))
-    points = corners[:, None, :] + along[:, None] * sides[:, None, :]
-    where = (points[:, :, None, :] + across[:, None] * normals[:, None, None, :]).astype(np.float32)
-    flat = where.reshape(4 * along.size, across.size, 2)
-    profiles = cv2.remap(grey, flat, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)  # type: ignore[call-overload]
-    gradient = (profiles[:, 1:] - profiles[:, :-1]).reshape(4, along.size, middle.size)
+    crossing = _cross(grey, np.stack([corners, sides, normals]).astype(np.float32), count, reach_px, capture=capture)
+    if crossing is None:
+        return None
+    line = _lines(count, crossing)
+    begin, end = (line.offset - 0.5 * line.slope)[:, None], (line.offset + 0.5 * line.slope)[:, None]
+    moved = _intersections(corners + begin * normals, ends + end * normals)
+    return None if moved is None else (moved, crossing, line)
+
+
+def _cross(
+    grey: NDArray[np.float32], edges: NDArray[np.float32], count: int, reach_px: float, *, capture: bool
+) -> _Crossing | None:
+    """Measure profiles across edges (3, 4, 2): their beginnings, sides and normals."""
+    places, weights, middle = _places(count, round(4.0 * reach_px))
+    x, y = (edges[:, :, k].T @ places for k in (0, 1))
+    shape = (4 * count, middle.size + 1)
+    profiles = cv2.remap(grey, x.reshape(shape), y.reshape(shape), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    sums = (profiles @ weights).reshape(4, count, 4)
     if capture:
+        gradient = (profiles[:, 1:] - profiles[:, :-1]).reshape(4, count, middle.size)
         smooth = gradient[:, :, 1:-1] + 0.5 * (gradient[:, :, 2:] + gradient[:, :, :-2])
         rise = smooth.max(axis=2)
-        offsets = middle[1:-1][smooth.argmax(axis=2)]
+        offsets = middle[1:-1][smooth.argmax(axis=2)].astype(np.float32)
     else:
-        rise = gradient @ window
+        rise = np.ascontiguousarray(sums[:, :, 0])
     contrast = _median(rise)
     if contrast.min() < _MIN_STEP:
         return None
+    whole = sums.sum(axis=1)
     if not capture:
-        mean = gradient.mean(axis=1)
-        seen = np.maximum(mean @ slope_window, 0.3 * (mean @ window))
-        offsets = gradient @ (window * middle) / np.maximum(seen, 1e-6)[:, None]
+        seen = np.maximum(np.maximum(whole[:, 2], 0.3 * whole[:, 0]) / count, 1e-6)
+        offsets = sums[:, :, 1] / seen[:, None]
     good = np.abs(rise - contrast[:, None]) < 0.5 * contrast[:, None]
-    offset, slope, good, (spread, bent) = _lines(along - 0.5, offsets, good)
-    profile = gradient.sum(axis=(0, 1)) * window
-    width = float(profile @ middle**2) / max(float(profile.sum()), 1e-6)
-    moved = _intersections(
-        corners + (offset - 0.5 * slope)[:, None] * normals, ends + (offset + 0.5 * slope)[:, None] * normals
-    )
-    if moved is None:
-        return None
-    count = good.sum(axis=1)
-    return Outline(
-        corners=moved,
-        contrast=contrast,
-        inliers=count / along.size,
-        std_px=np.sqrt(spread / np.maximum(count, 1)),
-        bent_px=float(np.sqrt(bent.max())),
-        width_px=math.sqrt(max(width, 0.0)),
-        step_px=float((np.abs(offset) + 0.5 * np.abs(slope)).max()),
-    )
+    _, _, _, square = whole.sum(axis=0).tolist()
+    width = square / max(float(whole[:, 0].sum()), 1e-6)
+    return _Crossing(np.asarray(offsets), good, np.asarray(contrast, np.float64), math.sqrt(max(width, 0.0)))
 
 
 def _median(rows: Floats) -> Floats:
@@ -143,35 +202,31 @@ def _median(rows: Floats) -> Floats:
     return np.asarray(np.partition(rows, middle, axis=1)[:, middle])
 
 
-def _lines(t: Floats, offsets: Floats, good: NDArray[np.bool_]) -> tuple[Floats, Floats, NDArray[np.bool_], Floats]:
-    """Fit offsets = offset + slope t to each row, without outliers; return also the inliers and their scatter.
-
-    The scatter (2, rows) is the variance of the residuals, and what of it steps between neighbours do not explain.
-    """
+def _lines(count: int, crossing: _Crossing) -> _Line:
+    """Fit offsets = offset + slope t to each edge, without outliers."""
+    offsets, powers = crossing.offsets, _powers(count)
     deviation = np.abs(offsets - _median(offsets)[:, None])
-    good = good & (deviation < np.maximum(4.0 * _median(deviation), 2.0 * _OUTLIER_PX)[:, None])
-    for _ in range(2):
-        offset, slope = _least_squares(t, offsets, good)
-        residual = np.abs(offsets - offset[:, None] - slope[:, None] * t)
-        good = residual < np.maximum(4.5 * _median(residual), _OUTLIER_PX)[:, None]
-    offset, slope = _least_squares(t, offsets, good)
-    residual = (offsets - offset[:, None] - slope[:, None] * t) * good
-    spread = (residual**2).sum(axis=1) / np.maximum(good.sum(axis=1) - 2, 1)
-    pairs = good[:, 1:] & good[:, :-1]
-    steps = (((residual[:, 1:] - residual[:, :-1]) * pairs) ** 2).sum(axis=1)
-    white = 0.5 * steps / np.maximum(pairs.sum(axis=1), 1)
-    return offset, slope, good, np.stack([spread, np.maximum(spread - 1.6 * white, 0.0)])
+    good = crossing.good & (deviation < np.maximum(4.0 * _median(deviation), 2.0 * _OUTLIER_PX)[:, None])
+    for _ in range(3):
+        line = _least_squares(offsets, good, powers)
+        residual = np.abs(line.residual)
+        inliers = residual < np.maximum(4.5 * _median(residual), _OUTLIER_PX)[:, None]
+        if (inliers == good).all():
+            break
+        good = inliers
+    return line
 
 
-def _least_squares(t: Floats, offsets: Floats, good: NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    w = good.astype(float)
-    basis = np.stack([np.ones_like(t), t, t * t], axis=1)
-    sums = w @ basis
-    weighted = (w * offsets) @ basis[:, :2]
-    n, st, stt = sums[:, 0], sums[:, 1], sums[:, 2]
-    determinant = np.maximum(n * stt - st * st, 1e-9)
-    slope = (n * weighted[:, 1] - st * weighted[:, 0]) / determinant
-    return (weighted[:, 0] - slope * st) / np.maximum(n, 1e-9), slope
+def _least_squares(offsets: Floats, good: NDArray[np.bool_], powers: NDArray[np.float32]) -> _Line:
+    w = good.astype(np.float32)
+    sums = w @ powers
+    weighted = (w * offsets) @ powers[:, :2]
+    n, st, stt = sums.T
+    s, t = weighted.T
+    slope = (n * t - st * s) / np.maximum(n * stt - st * st, 1e-9)
+    offset = (s - slope * st) / np.maximum(n, 1e-9)
+    residual = offsets - offset[:, None] - slope[:, None] * powers[:, 1]
+    return _Line(offset.astype(np.float64), slope.astype(np.float64), good, residual)
 
 
 def _intersections(starts: Floats, ends: Floats) -> Floats | None:

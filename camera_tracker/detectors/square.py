@@ -45,6 +45,8 @@ _BENT_PX = 0.15
 """An edge that is bent by this much is not seen as it is: the pose errs by 0.3 px then (benchmarks/tracker.py)."""
 _BOW = 0.02
 """Lens and paper may bend an edge by this part of a module."""
+_TURNED = (np.arange(4) - np.arange(4)[:, None]) % 4
+"""Corners by quarter turns of the marker: the first one is its upper left one as printed."""
 _WRONG_MODULE = 0.25
 """A module that differs from what the code says by this part of the contrast is covered or shone upon."""
 
@@ -125,7 +127,7 @@ class SquareDetector(Detector):
         grey = _grey(region.of(image))
         found = None
         if prediction.last.corners_px:
-            found = self._measure(grey, region, prediction.corners_px() - (region.x0, region.y0), image)
+            found = self._measure(grey, region, prediction.corners_px() - (region.x0, region.y0), image, near=True)
         if found is not None and found[0] == name and found[1].quality >= GOOD_QUALITY:
             return found[1]
         seen = [d for n, d in self._candidates(grey, 1, region, image) if n == name]
@@ -175,12 +177,13 @@ class SquareDetector(Detector):
         return found
 
     def _measure(
-        self, grey: NDArray[np.float32], region: Region, corners: Floats, image: Image
+        self, grey: NDArray[np.float32], region: Region, corners: Floats, image: Image, *, near: bool = False
     ) -> tuple[str, Detection] | None:
         """Fit and read a marker near corners (px of the region); None when there is none that is known."""
-        sides = np.hypot(*(corners[[1, 2, 3, 0]] - corners).T)
-        module_px = float(min(sides[0] + sides[2], sides[1] + sides[3])) / (2 * self._code.size + 4)
-        outline = fit_outline(grey, corners, min(max(_REACH_MODULES * module_px, 2.0), 9.0))
+        a, b, c, d = corners.tolist()
+        sides_px = (math.dist(a, b) + math.dist(c, d), math.dist(b, c) + math.dist(d, a))
+        module_px = min(sides_px) / (2 * self._code.size + 4)
+        outline = fit_outline(grey, corners, min(max(_REACH_MODULES * module_px, 2.0), 9.0), near=near)
         if outline is None:
             return None
         reading = self._read(grey, outline)
@@ -197,21 +200,24 @@ class SquareDetector(Detector):
             quality=quality,
             reason=reason,
             heading_ambiguous=False,
-            extent_px=float(np.hypot(at[:, 0] - x_px, at[:, 1] - y_px).max()),
+            extent_px=max(math.dist((x_px, y_px), corner) for corner in at.tolist()),
             misfit=reading.covered,
-            corners_px=tuple((float(x), float(y)) for x, y in at),
+            corners_px=tuple((x, y) for x, y in at.tolist()),
         )
 
     def _read(self, grey: NDArray[np.float32], outline: Outline) -> _Reading | None:
         """Read the marker inside an outline: its code, its turn, and which modules are not as they should be."""
         size = self._code.size
         levels = _sample(grey, outline.corners, size)
-        ring = levels[1:-1, 1:-1]
-        black = np.median(np.concatenate([ring[0], ring[-1], ring[1:-1, 0], ring[1:-1, -1]]))
-        white = np.median(np.concatenate([levels[0], levels[-1], levels[1:-1, 0], levels[1:-1, -1]]))
+        black_ring, white_ring = _rings(size)
+        black, white = (
+            float(np.partition(ring, ring.size // 2)[ring.size // 2])
+            for ring in (levels[black_ring], levels[white_ring])
+        )
         if white - black < 8.0:
             return None
-        word = _words((levels[2:-2, 2:-2] > 0.5 * (black + white))[None])[0]
+        bits = levels.reshape(size + 4, -1)[2:-2, 2:-2] > 0.5 * (black + white)
+        word = np.uint64(int.from_bytes(np.packbits(bits, bitorder="little").tobytes(), "little"))
         distance = np.bitwise_count(self._known ^ word)
         best = int(distance.argmin())
         wrong_bits = int(distance.flat[best])
@@ -219,13 +225,13 @@ class SquareDetector(Detector):
             return None
         marker, turns = int(self._ids[best // 4]), best % 4
         error = _misfit(levels, *self._code.model(marker, turns))
-        wrong = np.abs(error) > _WRONG_MODULE
+        size_of_error = np.abs(error)
         return _Reading(
             marker=marker,
-            corners=np.roll(outline.corners, turns, axis=0),
+            corners=outline.corners[_TURNED[turns]],
             wrong_bits=wrong_bits,
-            covered=float(wrong.mean()),
-            bright=bool(error[np.abs(error) > 0.1].sum() >= 0.0),
+            covered=int(np.count_nonzero(size_of_error > _WRONG_MODULE)) / error.size,
+            bright=bool(error[size_of_error > 0.1].sum() >= 0.0),
         )
 
 
@@ -305,33 +311,37 @@ def _misfit(levels: Floats, design: Floats, solver: Floats) -> Floats:
 
     The neighbours stand for blur: it mixes a module with what lies around it.
     """
-    factors = solver @ levels.ravel()
+    factors = solver @ levels
     contrast = max(float(factors[0] + factors[1]), 1e-6)
-    return np.asarray((levels - (design @ factors).reshape(levels.shape)) / contrast)
+    return np.asarray((levels - design @ factors) / contrast)
 
 
 @lru_cache(maxsize=8)
-def _grid(size: int) -> Floats:
-    """Return points in modules from the marker's corner: (modules across, modules down, 9, 2), white ring included."""
+def _rings(size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return which of the (size + 4)^2 modules are the black border and which the white ring around it."""
+    at = np.arange(size + 4)
+    far = np.minimum(np.minimum(at, at[::-1])[:, None], np.minimum(at, at[::-1])).ravel()
+    return np.flatnonzero(far == 1), np.flatnonzero(far == 0)
+
+
+@lru_cache(maxsize=8)
+def _grid(size: int) -> NDArray[np.float32]:
+    """Return nine points in each module, white ring included, in modules from the marker's corner: (x, y, 1)."""
     at = np.arange(-1, size + 3) + 0.5
     inside = np.array([-0.25, 0.0, 0.25])
     x, y, dx, dy = np.meshgrid(at, at, inside, inside, indexing="xy")
-    return np.stack([x + dx, y + dy], axis=-1).reshape(len(at), len(at), 9, 2)
+    return np.stack([(x + dx).ravel(), (y + dy).ravel(), np.ones(x.size)]).astype(np.float32)
 
 
 def _sample(grey: NDArray[np.float32], corners: Floats, size: int) -> Floats:
-    """Return the mean grey level of each module, (size + 4, size + 4), the ring around the marker included."""
+    """Return the mean grey level of each of the (size + 4)^2 modules, the ring around the marker included."""
     side = size + 2.0
     square = np.array([(0.0, 0.0), (side, 0.0), (side, side), (0.0, side)], np.float32)
-    h = cv2.getPerspectiveTransform(square, corners.astype(np.float32))
-    points = _grid(size)
-    z = points @ h[2, :2] + h[2, 2]
-    x = ((points @ h[0, :2] + h[0, 2]) / z).astype(np.float32)
-    y = ((points @ h[1, :2] + h[1, 2]) / z).astype(np.float32)
-    shape = x.shape
-    flat = (-1, 9)
-    values = cv2.remap(grey, x.reshape(flat), y.reshape(flat), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(values.reshape(shape).mean(axis=2), np.float64)
+    h = cv2.getPerspectiveTransform(square, corners.astype(np.float32)).astype(np.float32)
+    points = h @ _grid(size)
+    x, y = (points[:2] / points[2]).reshape(2, -1, 9)
+    values = cv2.remap(grey, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(values @ np.full(9, 1.0 / 9.0))
 
 
 def _area(corners: Floats) -> float:
