@@ -11,7 +11,7 @@ import typer
 
 from services.cli.errors import CliError
 
-BENCHMARKS = ("chain", "hold", "resources", "memory", "wake", "bus", "models", "tracker", "control")
+BENCHMARKS = ("chain", "hold", "resources", "memory", "wake", "bus", "models", "ship", "tracker", "control")
 
 
 def bench(
