@@ -287,6 +287,32 @@ class OperatorJoystick(Message):
     yaw: Stick = 0.0
 
 
+ExperimentName = Literal["step", "zigzag", "self-oscillation", "pull-out", "prbs"]
+ExperimentAxis = Literal["surge", "sway", "heave", "yaw"]
+
+
+class ExperimentPlan(BaseModel):
+    """What an identification experiment shall do. What is not given is chosen from the vessel's model."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, json_schema_extra=_state_units)
+
+    name: ExperimentName
+    axis: ExperimentAxis
+    amplitude: float = Field(0.5, gt=0, le=1, description="force as a part of what the actuators can do on this axis")
+    direction: Literal[-1, 1] = Field(1, description="of the first push")
+    hysteresis_m: float | None = Field(
+        None, gt=0, description="relay, zigzag: reverse so far from the start; not for yaw"
+    )
+    hysteresis_rad: float | None = Field(None, gt=0, le=3.0, description="the same for yaw")
+    oscillations: int = Field(5, ge=2, le=50, description="consecutive ones that must agree; zigzag: whole turns")
+    duration_s: float | None = Field(None, gt=0, le=3600, description="longest duration")
+
+    @property
+    def hysteresis(self) -> float | None:
+        """Where the force reverses, in m or rad."""
+        return self.hysteresis_rad if self.axis == "yaw" else self.hysteresis_m
+
+
 class OperatorRequest(Message):
     """A wish of an operator, answered on helm/answer. `mode` also takes the lease for `lease_s`.
 
@@ -301,6 +327,7 @@ class OperatorRequest(Message):
     x_m: float | None = None
     y_m: float | None = None
     psi_rad: float | None = None
+    experiment: ExperimentPlan | None = Field(None, description="mode experiment: which; its run is the request_id")
     lease_s: float = Field(3.0, gt=0.0, le=86400.0)
     attended: bool = True
     take: bool = Field(False, description="take the lease from another client that still holds it")
@@ -329,10 +356,74 @@ class HelmState(Message):
         default_factory=dict, description="axis -> who has it"
     )
     law: Name = Field("", description="control law that the controller runs")
+    experiment: ExperimentPlan | None = Field(None, description="mode experiment: what has one of the axes")
+    experiment_run: Name = Field("", description="which run of it: the id of the request")
     holder: Name = Field("", description="client that holds the lease")
     attended: bool = False
     lease_expires_ns: Count = 0
     refused: Count = Field(0, description="requests refused since start")
+
+
+# --- experiments ------------------------------------------------------------------------------------------------
+
+
+class ExperimentStatus(Message):
+    """How an experiment fares; `done` when its result is out. `unit` is that of amplitude and bias; force: N, Nm."""
+
+    state: Literal["idle", "running", "identifying", "done", "failed"]
+    run: Name = Field("", description="id of the request that started it")
+    name: Name = ""
+    axis: Name = ""
+    unit: Literal["m", "rad"] = "m"
+    phase: Name = Field("", description="what the vessel does: push, relay, coast, brake")
+    progress: Fraction = 0.0
+    elapsed_s: float = 0.0
+    force: float = Field(0.0, description="demanded now, N or Nm")
+    oscillations: Count = Field(0, description="consecutive whole ones so far")
+    half_period_s: float | None = Field(None, description="of the last half oscillation")
+    amplitude: float | None = Field(None, description="X_m of the last oscillation, m or rad")
+    bias: float | None = Field(None, description="x_0 of the last oscillation, m or rad")
+    spread: float | None = Field(None, description="of the extrema, as a part of the amplitude")
+    advice: Text = Field("", description="what to change when it does not work")
+    reason: Text = Field("", description="why it ended")
+
+
+class IdentifiedParameter(BaseModel):
+    """One identified value in SI; `std` is null where one experiment cannot tell."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    name: Name
+    value: float
+    unit: Name
+    std: float | None = None
+
+
+class IdentifiedModel(BaseModel):
+    """What one method makes of a record; `failure` instead of parameters when it cannot be used."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    method: Text
+    model: Name = ""
+    parameters: tuple[IdentifiedParameter, ...] = ()
+    warnings: tuple[Text, ...] = ()
+    failure: Text = ""
+
+
+class ExperimentResult(Message):
+    """A finished experiment: model, how other methods see it, measured and simulated response."""
+
+    run: Name
+    plan: ExperimentPlan
+    began_ns: Count
+    ended_ns: Count = Field(description="of the measurement, before the braking")
+    force: float = Field(description="of the plan's amplitude, N or Nm")
+    methods: tuple[IdentifiedModel, ...] = Field(description="the first is the one to take, unless it failed")
+    vessel_file: Text = Field("", description="vessel file with the new model; empty: none was written")
+    t_s: tuple[float, ...] = ()
+    measured: tuple[float, ...] = Field((), description="m, of yaw rad, from the start")
+    simulated: tuple[float, ...] = Field((), description="the first method's model with the recorded force")
 
 
 # --- platform link ----------------------------------------------------------------------------------------------
@@ -435,6 +526,10 @@ class SimulationTruth(Message):
     sway_n: float
     yaw_nm: float
     commands: dict[Name, float] = Field(description="commands at the firmware's end")
+    z_m: float | None = Field(None, description="depth, of a vessel that dives")
+    heave_m_s: float | None = None
+    phi_rad: float | None = None
+    theta_rad: float | None = None
 
 
 class SimulationFault(Message):
@@ -460,7 +555,3 @@ class SimulationFault(Message):
     psi_rad: float = 0.0
     thruster: Name = ""
     fraction: Fraction = Field(0.0, description="dropout: part of the frames that are lost")
-    z_m: float | None = Field(None, description="depth, of a vessel that dives")
-    heave_m_s: float | None = None
-    phi_rad: float | None = None
-    theta_rad: float | None = None

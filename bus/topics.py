@@ -74,6 +74,14 @@ HELM_STATE = Topic("helm/state", m.HelmState, "helm", "Mode, reference, who has 
 HELM_WRENCH = Topic("helm/wrench", m.HelmWrench, "helm", "The wrench that acts.", 30.0, Qos.COMMAND)
 HELM_ANSWER = Topic("helm/answer", m.HelmAnswer, "helm", "Answers to operators' requests.", None, Qos.REQUEST)
 
+EXPERIMENT_WRENCH = Topic(
+    "experiment/wrench", m.Wrench, "experiment", "What the experiment demands on its axis.", 30.0, Qos.COMMAND
+)
+EXPERIMENT_STATUS = Topic("experiment/status", m.ExperimentStatus, "experiment", "Progress, monitoring, advice.", 5.0)
+EXPERIMENT_RESULT = Topic(
+    "experiment/result", m.ExperimentResult, "experiment", "What the last experiment identified.", None
+)
+
 OPERATOR_JOYSTICK = Topic("operator/joystick", m.OperatorJoystick, OPERATOR, "Stick positions.", 20.0, Qos.COMMAND)
 OPERATOR_REQUEST = Topic("operator/request", m.OperatorRequest, OPERATOR, "Requests to the helm.", None, Qos.REQUEST)
 

@@ -69,6 +69,7 @@ PROCESSES = (
     Process("allocator", "services.allocator:Allocator"),
     Process("helm", "services.helm:Helm"),
     Process("controller", "services.controller:Controller"),
+    Process("experiment", "services.experiment:Experiments"),
     Process("estimator", "services.estimator:Estimator"),
     Process("camera_tracker", "camera_tracker.service:CameraTracker", needs="camera"),
     Process("sensors", "services.simulator.sensors:Sensors", simulation_only=True, needs="instruments"),

@@ -128,6 +128,7 @@ class Controller(Service):
         self._running: ControlLaw | None = None
         self._error = ZERO  # from the helm's reference, whatever the filter makes of it
         self._in_charge = False
+        self._ours = (True, True, True)
         self._state_ns = 0
         self._told_s = 0.0
 
@@ -150,7 +151,8 @@ class Controller(Service):
         eta = (state.x_m, state.y_m, state.psi_rad)
         nu = (state.surge_m_s, state.sway_m_s, state.yaw_rad_s)
         attained = self.attained.fresh(now_s)
-        if helm.suspended or law is not self._running:
+        ours = _ours(helm)
+        if helm.suspended or law is not self._running or ours != self._ours:
             law.follow(eta, nu, _given(attained))
             if self._filter:
                 self._filter.start(eta, (*to_tank(nu[0], nu[1], eta[2]), nu[2]))
@@ -158,15 +160,14 @@ class Controller(Service):
         else:
             dt_s = max(0.0, min(MAX_STEP_S, (state.stamp_ns - self._state_ns) / NS))
             missing = _missing(attained)
-        ours = _ours(helm)
+        self._ours = ours
         target = _where_ours(target, eta, ours)
         reference = self._shaped(dt_s, target) if all(ours) else Reference(target)
         disturbance = ZERO if law.integral else _disturbance(state)
         X, Y, N = law.step(dt_s, reference, eta, nu, missing, disturbance)
-        if not all(ours):  # on the others' axes the integrals follow what is given there; ours stay as they are
-            law.engage(
-                eta, nu, tuple(a if own else b for a, b, own in zip((X, Y, N), _given(attained), ours, strict=True))
-            )
+        if not all(ours):  # integrals follow what others give on their axes; on ours they stay as they are
+            given = _given(attained)
+            law.engage(eta, nu, (X if ours[0] else given[0], Y if ours[1] else given[1], N if ours[2] else given[2]))
         self._running, self._state_ns = law, state.stamp_ns
         self._error = (target[0] - eta[0], target[1] - eta[1], wrap_angle(target[2] - eta[2]))
         self.wrench.publish(Wrench(origin_ns=state.origin_ns, surge_n=X, sway_n=Y, yaw_nm=N))
@@ -217,7 +218,7 @@ def _ours(helm: HelmState) -> tuple[bool, bool, bool]:
 
 
 def _where_ours(target: Vector3, eta: Vector3, ours: tuple[bool, bool, bool]) -> Vector3:
-    """Return the target where the axes are ours, and the vessel's own place along the others, on the target's heading."""
+    """Return the target on our axes, and the vessel's own place along the others (of the target's heading)."""
     surge, sway, yaw = ours
     heading = target[2] if yaw else eta[2]
     if surge and sway:

@@ -4,20 +4,36 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 from pydantic import Field
 
 from bus import topics
 from bus.clock import NS
 from bus.config import Section
-from bus.messages import HelmAnswer, HelmState, HelmWrench, Mode, NavigationState, OperatorRequest, Wrench
+from bus.messages import (
+    ExperimentPlan,
+    HelmAnswer,
+    HelmState,
+    HelmWrench,
+    Mode,
+    NavigationState,
+    OperatorRequest,
+    Wrench,
+)
 from bus.service import Input, Output, Service
 from marine.allocation import axis_limits
 from marine.frames import wrap_angle
 from marine.vessel import Vessel
 
+Source = Literal["manual", "controller", "experiment"]
+_MANUAL: Source = "manual"
+_CONTROLLER: Source = "controller"
+_EXPERIMENT: Source = "experiment"
+
 HORIZONTAL = ("surge", "sway", "yaw")
-LAWS: dict[Mode, str] = {"hold": "positioning"}
+AXIS_FIELDS = {"surge": "surge_n", "sway": "sway_n", "heave": "heave_n", "yaw": "yaw_nm"}
+LAWS: dict[Mode, str] = {"hold": "positioning", "experiment": "positioning"}
 """Modes that a control law serves -> the law that the controller runs."""
 STATE_PERIOD_S = 0.2
 RESTORE_S = 1.0
@@ -65,6 +81,8 @@ class Helm(Service):
     requests = Input(topics.OPERATOR_REQUEST, queue=32, wakes=True)
     joystick = Input(topics.OPERATOR_JOYSTICK, max_age_s=0.5, wakes=True)
     control = Input(topics.CONTROL_WRENCH, max_age_s=0.25, wakes=True)
+    experiment = Input(topics.EXPERIMENT_WRENCH, max_age_s=0.25, wakes=True)
+    progress = Input(topics.EXPERIMENT_STATUS, wakes=True)
     navigation = Input(topics.NAVIGATION_STATE, max_age_s=0.25)
     former = Input(topics.HELM_STATE)
     wrench = Output(topics.HELM_WRENCH)
@@ -80,6 +98,8 @@ class Helm(Service):
         self._suspended_at_s: float | None = None
         self._reason = ""
         self._reference: Reference | None = None
+        self._plan: ExperimentPlan | None = None
+        self._run = ""
         self._lease = Lease()
         self._refused = 0
         self._restored = False
@@ -163,15 +183,19 @@ class Helm(Service):
             self._end_lease("the operator's page is gone")
 
     def _end_lease(self, reason: str) -> None:
-        """Without an operator `manual` ends, `hold` goes on."""
+        """Without an operator `manual` ends, `hold` goes on, and an experiment becomes `hold`."""
         self._lease = Lease()
         if self._mode == "manual":
             self._stop(reason)
+        elif self._mode == "experiment":
+            self._end_experiment(reason)
 
     def _enter(self, request: OperatorRequest, mode: Mode, now_s: float) -> str:
-        reference = self._checked_reference(request, now_s) if mode == "hold" else None
-        if mode not in ("manual", "hold"):
-            raise Refused(f"{self.vessel.name} has no mode {mode} yet; known: stop, manual, hold")
+        if mode not in ("manual", "hold", "experiment"):
+            raise Refused(f"{self.vessel.name} has no mode {mode} yet; known: stop, manual, hold, experiment")
+        reference = None if mode == "manual" else self._checked_reference(request, now_s)
+        self._plan = self._checked_plan(request) if mode == "experiment" else None
+        self._run = request.request_id
         entering = mode != self._mode
         self._mode, self._reference, self._fault = mode, reference, False
         if entering:
@@ -179,6 +203,25 @@ class Helm(Service):
         if reference is None:
             return ""
         return f"x {reference.x_m:.3f} m, y {reference.y_m:.3f} m, psi {math.degrees(reference.psi_rad):.1f} deg"
+
+    def _checked_plan(self, request: OperatorRequest) -> ExperimentPlan:
+        """Return the plan of an experiment that the vessel has an axis for."""
+        plan = request.experiment
+        if plan is None:
+            raise Refused("which experiment? the request names none")
+        component = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "N"}[plan.axis]
+        if component not in self.vessel.controlled:
+            raise Refused(f"{self.vessel.name} has no actuators for {plan.axis}")
+        return plan
+
+    def _end_experiment(self, reason: str) -> None:
+        """Give the axis back to the controller: hold the place where the vessel is."""
+        state, margin, pool = self.navigation.latest, self.vessel.radius_m, self.vessel.pool
+        if state is not None:
+            x_m = max(margin, min(pool.length_x_m - margin, state.x_m))
+            y_m = max(margin, min(pool.length_y_m - margin, state.y_m))
+            self._reference = Reference(x_m, y_m, state.psi_rad)
+        self._mode, self._plan, self._reason = "hold", None, reason
 
     def _checked_reference(self, request: OperatorRequest, now_s: float) -> Reference:
         """Return the reference of a hold; what the request leaves open is where the vessel is now."""
@@ -201,8 +244,10 @@ class Helm(Service):
     # --- the switch -----------------------------------------------------------------------------------------
 
     def _steer(self, now_s: float) -> None:
-        if self._mode == "hold":
-            self._hold(now_s)
+        if self._mode == "experiment":
+            self._watch_experiment()
+        if self._mode in ("hold", "experiment"):
+            self._pass_on_or_suspend(now_s)
         elif self._mode == "manual":
             self._manual(now_s)
         else:
@@ -219,21 +264,37 @@ class Helm(Service):
         content = {"surge_n": stick.surge * X, "sway_n": stick.sway * Y, "yaw_nm": stick.yaw * N}
         self.wrench.publish(HelmWrench(mode="manual", speed_m_s=_speed_m_s(self.navigation.fresh(now_s)), **content))
 
-    def _hold(self, now_s: float) -> None:
-        """Pass on the controller's wrench while it and the pose are fresh; otherwise suspend, later stop."""
-        wrench = self.control.fresh(now_s)
-        state, problem = self._pose(now_s)
-        if not problem and wrench is None:
-            problem = "no wrench from the controller"
+    def _watch_experiment(self) -> None:
+        status = self.progress.latest
+        if status is not None and status.run == self._run and status.state not in ("idle", "running"):
+            self._end_experiment(f"{status.name}: {status.reason or status.state}")
+
+    def _pass_on_or_suspend(self, now_s: float) -> None:
+        """Pass on the wrench of the sources in charge while they and the pose are fresh; else suspend, later stop."""
+        wrench, problem = self._demand(now_s)
+        state, lost = self._pose(now_s)
+        problem = lost or problem
         if not problem and wrench is not None:
-            self._suspended_at_s, self._reason = None, ""
-            if self.control.updated:  # never published twice: an old wrench stays old
-                self._pass_on(wrench, state)
+            if self._suspended_at_s is not None or self._mode == "experiment":
+                self._suspended_at_s, self._reason = None, ""
+            if self.control.updated or (self._plan and self.experiment.updated):
+                self._pass_on(wrench, state)  # never published twice: an old wrench stays old
             return
         self._suspend(problem, now_s)
         if self._suspended_at_s is not None and now_s - self._suspended_at_s > self.config.resume_within_s:
             self._stop(f"suspended for {self.config.resume_within_s:.0f} s: {problem}", fault=True)
         self._publish_zero()
+
+    def _demand(self, now_s: float) -> tuple[Wrench | None, str]:
+        """Return the controller's wrench, in an experiment with its axis from there, or None and who is silent."""
+        wrench = self.control.fresh(now_s)
+        if wrench is None or self._plan is None:
+            return wrench, "" if wrench else "no wrench from the controller"
+        part = self.experiment.fresh(now_s)
+        if part is None:
+            return None, "no wrench from the experiment"
+        field = AXIS_FIELDS[self._plan.axis]
+        return wrench.model_copy(update={field: getattr(part, field)}), ""
 
     def _pose(self, now_s: float) -> tuple[NavigationState | None, str]:
         """Return the estimated state if it may be used for holding, or None and why not."""
@@ -259,7 +320,7 @@ class Helm(Service):
 
     def _stop(self, reason: str, *, fault: bool = False) -> None:
         self._mode, self._fault, self._reason = "stop", fault, reason
-        self._reference, self._suspended_at_s = None, None
+        self._reference, self._suspended_at_s, self._plan = None, None, None
         self._lease = Lease()
 
     def _tell(self, now_s: float) -> None:
@@ -268,12 +329,11 @@ class Helm(Service):
             return  # it would overwrite the former state in the hub
         content = (
             self._mode, self._fault, self._suspended_at_s is None, self._reason, self._reference, self._lease.holder,
-            self._refused,
+            self._refused, self._plan, self._run,
         )  # fmt: skip
         if content == self._told and now_s - self._told_s < STATE_PERIOD_S:
             return
         self._told, self._told_s = content, now_s
-        source = {"manual": "manual", "hold": "controller"}.get(self._mode)
         reference = self._reference
         self.state.publish(
             HelmState(
@@ -284,14 +344,23 @@ class Helm(Service):
                 x_m=reference.x_m if reference else None,
                 y_m=reference.y_m if reference else None,
                 psi_rad=reference.psi_rad if reference else None,
-                sources=dict.fromkeys(HORIZONTAL, source) if source else {},
+                sources=self._sources(),
                 law=LAWS.get(self._mode, ""),
+                experiment=self._plan,
+                experiment_run=self._run if self._plan else "",
                 holder=self._lease.holder,
                 attended=self._lease.attended,
                 lease_expires_ns=round(self._lease.expires_s * NS),
                 refused=self._refused,
             )
         )
+
+    def _sources(self) -> dict[str, Source]:
+        """Return who has which axis."""
+        if self._mode == "stop":
+            return {}
+        everything = dict.fromkeys(HORIZONTAL, _MANUAL if self._mode == "manual" else _CONTROLLER)
+        return everything | ({self._plan.axis: _EXPERIMENT} if self._plan else {})
 
     def stop(self, now_s: float) -> None:
         """Let go of the actuators."""
