@@ -10,6 +10,7 @@ from abc import abstractmethod
 
 import cv2
 
+from bus.clock import CLOCK
 from camera_tracker.settings import CameraSettings
 from camera_tracker.sources import Frame, Source, SourceError, as_image
 
@@ -68,7 +69,7 @@ class CaptureSource(Source):
 
     def _stamp_ns(self, capture: cv2.VideoCapture) -> int:
         """Return when the frame just grabbed was exposed, as well as is known: now, less the latency that is set."""
-        return time.time_ns() - round(self._settings.latency_ms * 1e6)
+        return CLOCK.now_ns() - round(self._settings.latency_ms * 1e6)
 
     def _grab(self) -> None:
         capture = self._opened()
@@ -118,7 +119,7 @@ class CameraSource(CaptureSource):
 
     def _stamp_ns(self, capture: cv2.VideoCapture) -> int:
         latency_ns = round(self._settings.latency_ms * 1e6)
-        now_ns, age_ns = time.time_ns(), time.monotonic_ns() - round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
+        now_ns, age_ns = CLOCK.now_ns(), time.monotonic_ns() - round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
         if not 0 <= age_ns < _OLDEST_STAMP_NS:  # no stamp by the driver, or on another clock
             age_ns = 0
         elif self._settings.exposure_ms is not None:

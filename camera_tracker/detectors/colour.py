@@ -24,6 +24,8 @@ Mask = NDArray[np.uint8]
 _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 _SQUARE = np.ones((3, 3), np.uint8)
 _DISC = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
+_SURROUNDINGS_PX = 4
+"""A patch is compared with what lies so far around it."""
 _GOOD_CONTRAST = 60.0
 """Grey levels between patch and surroundings from which noise no longer matters."""
 _MIN_CONTRAST = 10.0
@@ -62,8 +64,8 @@ class Patch:
     axis_rad: float
     elongation: float
     skew: float
-    contrast: float
-    clipped: bool
+    contrast: float = 0.0
+    clipped: bool = False
     strange: float = 0.0
     """Area of what is neither the patch's colour nor its surroundings', as a part of the patch."""
     bright: bool = False
@@ -86,12 +88,25 @@ def clean(mask: Mask) -> Mask:
     return _mask(cv2.morphologyEx(opened, cv2.MORPH_CLOSE, _SQUARE))
 
 
+def occupied(mask: Mask, margin_px: int = 0) -> Region | None:
+    """Return the part of a mask that holds all it has, and a margin around that; None: it is empty.
+
+    A mask is nearly empty: labelling all of it would cost ten times more than finding this.
+    """
+    x, y, width, height = cv2.boundingRect(mask)
+    if not width:
+        return None
+    rows, columns = mask.shape
+    x1, y1 = min(x + width + margin_px, columns), min(y + height + margin_px, rows)
+    return Region(max(x - margin_px, 0), max(y - margin_px, 0), x1, y1)
+
+
 def find_blobs(mask: Mask, min_area_px2: float) -> tuple[list[Blob], NDArray[np.int32]]:
     """Return the connected pieces of a mask, largest first, and the picture of their labels."""
     _, labels, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=cv2.CV_32S)
     blobs = [
-        Blob(label, float(centres[label][0]), float(centres[label][1]), float(area), Region(x, y, x + w, y + h))
-        for label, (x, y, w, h, area) in enumerate(stats.tolist())
+        Blob(label, *centre, float(area), Region(x, y, x + w, y + h))
+        for label, ((x, y, w, h, area), centre) in enumerate(zip(stats.tolist(), centres.tolist(), strict=True))
         if label > 0 and area >= min_area_px2
     ]
     return sorted(blobs, key=lambda blob: -blob.area_px2), labels  # type: ignore[return-value]
@@ -105,8 +120,13 @@ def find_patches(
     `allowed` (of the whole picture) is 0 where not to look. A patch that the region cuts off inside the picture is
     left out: whoever chose the region looked in the wrong place.
     """
+    mask = colour_mask(region.of(image), colour)
+    part = occupied(mask, _SURROUNDINGS_PX + 2)
+    if part is None:
+        return []
+    mask = clean(part.of(mask))
+    region = Region(region.x0 + part.x0, region.y0 + part.y0, region.x0 + part.x1, region.y0 + part.y1)
     view = region.of(image)
-    mask = clean(colour_mask(view, colour))
     if allowed is not None:
         mask = _mask(cv2.bitwise_and(mask, region.of(allowed)))
     blobs, labels = find_blobs(mask, min_area_px2)
@@ -134,40 +154,58 @@ def measure_patch(image: Image, labels: NDArray[np.int32], blob: Blob, *, clippe
     """
     height, width = image.shape[:2]
     b = blob.box
-    box = Region(max(b.x0 - 6, 0), max(b.y0 - 6, 0), min(b.x1 + 6, width), min(b.y1 + 6, height))
-    pixels = box.of(image).astype(np.float32)
+    far = _SURROUNDINGS_PX
+    box = Region(max(b.x0 - far, 0), max(b.y0 - far, 0), min(b.x1 + far, width), min(b.y1 + far, height))
+    pixels = box.of(image)
     label = labels[box.y0 : box.y1, box.x0 : box.x1]
-    piece = (label == blob.label).astype(np.uint8)
-    core = cv2.erode(piece, _DISC, borderType=cv2.BORDER_REPLICATE) > 0
+    ignored = label < 0
+    piece = (label == blob.label).view(np.uint8)
+    core = cv2.erode(piece, _DISC, borderType=cv2.BORDER_REPLICATE).view(np.bool_)
     near = cv2.dilate(piece, _DISC)
-    ring = (cv2.dilate(near, _DISC) > near) & (label >= 0)
-    if not core.any() or not ring.any():
+    ring = cv2.subtract(cv2.dilate(near, _DISC), near).view(np.bool_) & ~ignored
+    around = pixels[ring]
+    if not core.any() or not len(around):
         return None
-    surroundings = np.median(pixels[ring], axis=0)
-    axis = pixels[core].mean(axis=0) - surroundings
-    contrast = float(np.linalg.norm(axis))
+    surroundings = np.partition(around, len(around) // 2, axis=0)[len(around) // 2].astype(np.float64)
+    inside = np.array(cv2.mean(pixels, mask=core.view(np.uint8))[:3])
+    contrast = math.dist(inside, surroundings)
     if contrast < _MIN_CONTRAST:
         return None
-    way = (pixels - surroundings) @ (axis / contrast**2)
-    foreign = np.abs(pixels - surroundings - way[..., None] * axis).max(axis=2)
-    typical = float(np.median(foreign[core]))
+    way, foreign = _way_and_rest(pixels, surroundings, inside)
+    of_core = foreign[core]
+    typical = float(np.partition(of_core, of_core.size // 2)[of_core.size // 2])
     strange = (foreign > max(6.0 * typical, 0.12 * contrast)) & (core | ring)
     weight = np.clip(way, -0.5, 1.5)
     weight[core] = 1.0
-    weight[(near == 0) | (label < 0)] = 0.0
+    weight *= near
+    weight[ignored] = 0.0
     moments = cv2.moments(weight)
     if moments["m00"] <= 0:
         return None
-    cut_off = clipped or bool(((near > 0) & (label < 0)).any())
     count = int(np.count_nonzero(strange))
     return replace(
-        _patch(moments, box, contrast, cut_off),
+        _patch(moments, box),
+        contrast=contrast,
+        clipped=clipped or bool((near.view(np.bool_) & ignored).any()),
         strange=count / max(moments["m00"], 1.0),
-        bright=count > 0 and float(pixels[strange].min(axis=1).mean()) > float((surroundings + axis).min()),
+        bright=count > 0 and float(pixels[strange].min(axis=1).mean()) > inside.min(),
     )
 
 
-def _patch(m: dict[str, float], box: Region, contrast: float, clipped: bool) -> Patch:
+def _way_and_rest(
+    pixels: Image, surroundings: NDArray[np.float64], inside: NDArray[np.float64]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return how far each pixel is on the way from the surroundings' colour to the patch's, and how far beside it."""
+    axis = inside - surroundings
+    centred = np.array(cv2.split(pixels), np.float32).reshape(3, -1)
+    centred -= surroundings.astype(np.float32)[:, None]
+    way = (axis / (axis @ axis)).astype(np.float32) @ centred
+    centred -= axis.astype(np.float32)[:, None] * way
+    beside = np.abs(centred, out=centred).max(axis=0)
+    return way.reshape(pixels.shape[:2]), beside.reshape(pixels.shape[:2])
+
+
+def _patch(m: dict[str, float], box: Region) -> Patch:
     """Turn the moments of a patch into centroid, axis, elongation and skewness."""
     area = m["m00"]
     xx, yy, xy = m["mu20"] / area, m["mu02"] / area, m["mu11"] / area
@@ -186,8 +224,6 @@ def _patch(m: dict[str, float], box: Region, contrast: float, clipped: bool) -> 
         axis_rad=axis_rad,
         elongation=math.sqrt(large / small),
         skew=skew,
-        contrast=contrast,
-        clipped=clipped,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -112,7 +112,7 @@ class PatchDetector(Detector):
                 if allowed is not None:
                     mask = np.asarray(cv2.bitwise_and(mask, allowed), np.uint8)
                 enough = max(2.0, 0.5 * self._config.min_area_px2 / factor**2)  # mixed pixels at the edge do not count
-                blobs[str(name)] = c.find_blobs(mask, enough)[0][:_MAX_BLOBS]
+                blobs[str(name)] = _blobs(mask, enough)
             guesses += _combine(vehicle, blobs[str(vehicle.front)], blobs.get(vehicle.rear or ""), factor)
         return guesses
 
@@ -145,8 +145,17 @@ def _reduced(image: Image) -> tuple[Image, float]:
     factor = max(_REDUCTION, round(width / _COARSE_WIDTH_PX))
     part = image[: height // factor * factor, : width // factor * factor]
     size = (width // factor, height // factor)
-    # The mean of the four px in the middle: enough for patches, and at an eighth of INTER_AREA's cost.
-    return np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_LINEAR), np.uint8), float(factor)
+    # One px of sixteen: enough for patches, and most of the cost is that of reading the picture from memory.
+    return np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_NEAREST), np.uint8), float(factor)
+
+
+def _blobs(mask: c.Mask, min_area_px2: float) -> list[c.Blob]:
+    """Return the largest pieces of a mask."""
+    part = c.occupied(mask)
+    if part is None:
+        return []
+    blobs = c.find_blobs(part.of(mask), min_area_px2)[0][:_MAX_BLOBS]
+    return [replace(blob, x_px=blob.x_px + part.x0, y_px=blob.y_px + part.y0) for blob in blobs]
 
 
 def _combine(vehicle: Vehicle, fronts: list[c.Blob], rears: list[c.Blob] | None, factor: float) -> list[_Guess]:
