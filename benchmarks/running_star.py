@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
+from bus.clock import CLOCK
 from bus.messages import HelmAnswer, Message, OperatorRequest
 from bus.security import client_settings
 from bus.service import RawSample
@@ -58,7 +59,7 @@ class RunningStar:
     """`starboard up` with a configuration and a run directory of its own.
 
     `sections` are lines of TOML besides [system], [hub] and [ui]; `system` further lines of [system]; `secured`: with
-    TLS, passwords and access rules.
+    TLS, passwords and access rules; `arguments` further ones of `starboard up`.
     """
 
     def __init__(
@@ -68,7 +69,9 @@ class RunningStar:
         vessel: str = "pladypos",
         *,
         secured: bool = False,
+        arguments: tuple[str, ...] = (),
     ) -> None:
+        self._arguments = arguments
         self._folder = tempfile.TemporaryDirectory(prefix="sb-", dir="/dev/shm" if os.path.isdir("/dev/shm") else None)
         self.folder = Path(self._folder.name)
         self.run_dir = self.folder / "run"
@@ -93,7 +96,7 @@ class RunningStar:
     def __enter__(self) -> Self:
         with self.output.open("wb") as out:
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "services.cli.main", "up", str(self.config)],
+                [sys.executable, "-m", "services.cli.main", "up", str(self.config), *self._arguments],
                 cwd=ROOT, env=self.environment, stdout=out, stderr=subprocess.STDOUT,
             )  # fmt: skip
         try:
@@ -107,6 +110,7 @@ class RunningStar:
     def __exit__(self, *_: object) -> None:
         if self._bus is not None:
             self._bus.close()
+            CLOCK.forget()  # the next star's time may run otherwise
         if self._process is not None and self._process.poll() is None:
             self.interrupt()
         self._folder.cleanup()
@@ -163,7 +167,8 @@ class RunningStar:
     def request(self, timeout_s: float = 5.0, **fields: Any) -> HelmAnswer:
         """Ask the helm and return its answer."""
         values = {"request_id": f"{time.monotonic_ns()}", "client": "test", "attended": False, "lease_s": 600.0}
-        request = OperatorRequest.model_validate(values | {"stamp_ns": time.time_ns(), "source": "test"} | fields)
+        header = {"stamp_ns": self.bus.clock.now_ns(), "source": "test"}
+        request = OperatorRequest.model_validate(values | header | fields)
         self.bus.publish(OPERATOR_REQUEST, request)
         return self.wait(HELM_ANSWER, lambda a: a.request_id == request.request_id, timeout_s, "the helm's answer")
 

@@ -9,6 +9,8 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from bus.clock import Warp
+
 
 class ConfigError(ValueError):
     """A mistake in a configuration file, told in one line."""
@@ -60,5 +62,6 @@ class Deployment:
     """Where clients find a hub: the hub's addresses, then the standby's."""
     hub_standby: str = ""
     """Where the standby hub listens; empty when there is none."""
+    warp: Warp = field(default_factory=Warp)
     security: Path | None = None
     """Folder of keys, passwords and access rules; None: anybody who reaches the hub is let in."""

@@ -73,7 +73,7 @@ class Hub(Service):
 
     def _prepare(self, deployment: Deployment) -> None:
         self._store = Store(is_latched)
-        self._security = deployment.security
+        self._security, self._warp = deployment.security, deployment.warp
         self._snapshot = deployment.run_dir / f"{self.name}.snapshot"
         self._bus: HubBus | None = None
         self._started_s = self._linked_s = self._saved_s = self._published_s = 0.0
@@ -83,7 +83,7 @@ class Hub(Service):
         """Return the hub's own end of the bus; it listens from now on. Raises ConfigError for a taken address."""
         self._load()
         secured = hub_settings(self._security, StandbyHub.name) if self._security else None
-        self._bus = HubBus.listen(vessel, self._listen, self._store, self._link, secured)
+        self._bus = HubBus.listen(vessel, self._listen, self._store, self._link, secured, self._warp)
         return self._bus
 
     def start(self, now_s: float) -> None:

@@ -474,6 +474,10 @@ class Heartbeat(Message):
     overwritten: Count = Field(
         0, description="messages that a newer one replaced before the service looked, since start"
     )
+    warp: float = Field(1.0, description="how many times faster than real time the star's time shall run")
+    warp_reached: float = Field(1.0, description="the same, times the part of its steps that this service kept")
+    clock_offset_s: float = Field(0.0, description="what this process adds to its machine's clock to have the hub's")
+    clock_uncertainty_s: float | None = Field(None, description="half the shortest round trip of that measurement")
     note: Text = Field("", description="last thing worth telling, such as the first malformed message")
 
 

@@ -20,35 +20,38 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 
-from bus.clock import NS, Clock, SystemClock
+from bus.clock import NS
 from bus.service import Service
 from bus.stepper import Stepper
 from bus.zenoh_bus import ZenohBus
 
 WATCHDOG_S = 2.0
 """A loop that does not come round for so long is killed, with a traceback of where it hangs."""
-_REARM_NS = NS // 2
+_REARM_S = 0.5
+_ASK_TIME_S = 2.0
 
 
-def run(service: Service, bus: ZenohBus, clock: Clock | None = None) -> None:
+def run(service: Service, bus: ZenohBus) -> None:
     """Run a service until SIGTERM or SIGINT; then bring it into its safe state and leave the bus.
 
     Whatever a step raises ends the process with a traceback, after `service.stop`: the supervisor starts it again.
     """
-    clock = clock or SystemClock()
+    service.warp = bus.clock.warp.factor
     with _signals() as signal_fd, contextlib.closing(_Waker()) as waker:
-        stepper = Stepper(service, bus.publish, time.perf_counter)
+        stepper = Stepper(service, bus.publish, time.perf_counter, bus.clock)
         bus.attach(service, waker.wake)
         try:
             with _Watchdog() as watchdog:
-                _loop(stepper, clock, waker, signal_fd, watchdog)
+                _loop(stepper, bus, waker, signal_fd, watchdog)
         finally:
             _notify("STOPPING=1")
-            stepper.stop(clock.now_ns())
+            stepper.stop(bus.clock.now_ns())
             bus.close()
 
 
-def _loop(stepper: Stepper, clock: Clock, waker: _Waker, signal_fd: int, watchdog: _Watchdog) -> None:
+def _loop(stepper: Stepper, bus: ZenohBus, waker: _Waker, signal_fd: int, watchdog: _Watchdog) -> None:
+    clock = bus.clock
+    asked_s = time.monotonic()
     stepper.start(clock.now_ns())
     _notify("READY=1")
     gc.collect()
@@ -60,7 +63,7 @@ def _loop(stepper: Stepper, clock: Clock, waker: _Waker, signal_fd: int, watchdo
         while True:
             watched = _watch(selector, watched, stepper.service.files())
             now_ns = clock.now_ns()
-            wait_s = (stepper.next_ns(now_ns) - now_ns) / NS
+            wait_s = (stepper.next_ns(now_ns) - now_ns) / NS / clock.warp.factor
             ready = {key.fd for key, _ in selector.select(max(wait_s, 0.0))}
             if signal_fd in ready:
                 return
@@ -71,7 +74,11 @@ def _loop(stepper: Stepper, clock: Clock, waker: _Waker, signal_fd: int, watchdo
                     ready.remove(waker.fd)
             if ready or now_ns >= stepper.next_ns(now_ns):
                 stepper.step(now_ns)
-            watchdog.feed(now_ns)
+            real_s = time.monotonic()
+            watchdog.feed(real_s)
+            if real_s - asked_s >= _ASK_TIME_S:
+                asked_s = real_s
+                bus.ask_time()
 
 
 def _watch(selector: selectors.BaseSelector, watched: Sequence[int], wanted: Sequence[int]) -> Sequence[int]:
@@ -107,7 +114,7 @@ class _Watchdog:
     """Ends a process whose loop hangs, and tells the supervisor that this one does not."""
 
     def __init__(self) -> None:
-        self._fed_ns = 0
+        self._fed_s = -_REARM_S
 
     def __enter__(self) -> _Watchdog:
         return self
@@ -115,10 +122,10 @@ class _Watchdog:
     def __exit__(self, *_: object) -> None:
         faulthandler.cancel_dump_traceback_later()
 
-    def feed(self, now_ns: int) -> None:
-        if 0 <= now_ns - self._fed_ns < _REARM_NS:
+    def feed(self, real_s: float) -> None:
+        if real_s - self._fed_s < _REARM_S:
             return
-        self._fed_ns = now_ns
+        self._fed_s = real_s
         faulthandler.dump_traceback_later(WATCHDOG_S, exit=True)
         _notify("WATCHDOG=1")
 

@@ -269,6 +269,8 @@ class Service:
     """`step` runs at the latest every 1 / rate_hz, and at once when an input that wakes has something."""
     ports: ClassVar[dict[str, Port]] = {}
     log: logging.Logger
+    warp: float = 1.0
+    """How many times faster than real time `now_s` runs: for what people and supervisors wait for in real time."""
     note: Text = ""
     """Last thing worth telling, such as a port that is taken; shown in the heartbeat."""
 

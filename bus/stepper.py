@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 
-from bus.clock import NS
+from bus.clock import NS, StarClock
 from bus.messages import Heartbeat
 from bus.service import Moment, Output, Send, Service
 from bus.topics import HEARTBEAT
@@ -19,11 +19,14 @@ class Stepper:
     `timer` gives seconds for the step times of the heartbeat; a constant one keeps `MemoryBus` deterministic.
     """
 
-    def __init__(self, service: Service, send: Send, timer: Callable[[], float]) -> None:
+    def __init__(
+        self, service: Service, send: Send, timer: Callable[[], float], clock: StarClock | None = None
+    ) -> None:
         self.service = service
         self.period_ns = round(NS / service.rate_hz)
         self.due_ns = 0
         self._timer = timer
+        self._clock = clock
         self._moment = Moment(source=service.name)
         self._inputs = service.inputs
         self._raw_inputs = service.raw_inputs
@@ -108,6 +111,9 @@ class Stepper:
 
     def _beat(self, state: str, now_ns: int) -> None:
         seconds = (now_ns - self._beat_ns) / NS
+        warp = self.service.warp
+        kept = self._steps / (seconds * self.service.rate_hz) if seconds > 0 else 1.0
+        uncertainty_ns = self._clock.uncertainty_ns if self._clock else None
         self._heartbeat.publish(
             Heartbeat(
                 state=state,
@@ -120,6 +126,10 @@ class Stepper:
                 gaps=sum(port.gaps for port in self._inputs),
                 dropped=sum(port.dropped for port in self._inputs) + sum(port.dropped for port in self._raw_inputs),
                 overwritten=sum(port.overwritten for port in self._inputs),
+                warp=warp,
+                warp_reached=warp * min(kept, 1.0),
+                clock_offset_s=self._clock.offset_ns / NS if self._clock else 0.0,
+                clock_uncertainty_s=None if uncertainty_ns is None else uncertainty_ns / NS,
                 note=self.service.note or self._note,
             )
         )

@@ -14,7 +14,7 @@ from typing import Any
 
 import zenoh
 
-from bus.clock import Clock, SystemClock
+from bus.clock import CLOCK, StarClock, Warp
 from bus.config import ConfigError
 from bus.keys import is_pattern
 from bus.messages import Message
@@ -40,6 +40,12 @@ _STORE_BACKLOG = 10_000
 
 _DUMP = "@hub/store"
 """Where a hub gives all its values to the other one; no wildcard fits a chunk with an @."""
+
+_TIME = "@hub/time"
+"""Where the hub tells the time, and how fast it runs."""
+_TIME_ASKED = 4
+_TIME_WAIT_S = 1.0
+"""A hub that has just begun to listen tells the time a little later; a router that is none of ours never."""
 
 _REFUSED = " (or it refuses our password)"  # Zenoh does not tell the difference
 
@@ -110,10 +116,10 @@ def _open(
 class ZenohBus:
     """One process's end of the star. `vessel` is the prefix of all keys."""
 
-    def __init__(self, session: zenoh.Session, vessel: str, clock: Clock | None = None) -> None:
+    def __init__(self, session: zenoh.Session, vessel: str, clock: StarClock = CLOCK) -> None:
         self.session = session
         self.vessel = vessel
-        self._clock = clock or SystemClock()
+        self.clock = clock
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._retained: list[Input[Any]] = []
         self._kept: list[Any] = []  # declarations live as long as these references
@@ -125,10 +131,11 @@ class ZenohBus:
         endpoints: tuple[str, ...],
         timeout_s: float | None = None,
         secured: Secured | None = None,
+        clock: StarClock = CLOCK,
     ) -> ZenohBus:
         """Return a client of the hub, waiting for it as long as it takes, or raise HubUnreachableError.
 
-        `secured`: `bus.security.client_settings`, where the hub asks for a password.
+        `secured`: `bus.security.client_settings`, where the hub asks for a password. The clock is set by the hub's.
         """
         begin_s = time.monotonic()
         told = False
@@ -137,7 +144,9 @@ class ZenohBus:
             first = turn % len(endpoints)
             with contextlib.suppress(HubUnreachableError):
                 in_turn = (*endpoints[first:], *endpoints[:first])
-                return cls(_open("client", in_turn, TRY_MS, secured=secured), vessel)
+                bus = cls(_open("client", in_turn, TRY_MS, secured=secured), vessel, clock)
+                bus._set_clock()
+                return bus
             waited_s = time.monotonic() - begin_s
             if timeout_s is not None and waited_s >= timeout_s:
                 break
@@ -147,6 +156,33 @@ class ZenohBus:
         raise HubUnreachableError(
             f"no hub answers at {', '.join(endpoints)}{_REFUSED if secured else ''}: is `starboard up` running?"
         )
+
+    def _set_clock(self) -> None:
+        self.clock.forget()
+        end_s = time.monotonic() + _TIME_WAIT_S
+        asked = 0
+        while asked < _TIME_ASKED and time.monotonic() < end_s:
+            answered = threading.Event()
+            self.ask_time(answered.set)
+            if answered.wait(0.05):
+                asked += 1
+
+    def ask_time(self, answered: Callable[[], None] | None = None) -> None:
+        """Ask the hub for the time; the clock is set when it has answered. Returns at once."""
+        asked_ns = self.clock.machine_ns()
+
+        def take(reply: zenoh.Reply) -> None:
+            heard_ns = self.clock.machine_ns()
+            if reply.ok is None:
+                return
+            try:
+                self.clock.hear(asked_ns, reply.ok.payload.to_bytes(), heard_ns)
+            except ValueError as error:
+                log.warning("the hub's time cannot be read: %s", error)
+            if answered is not None:
+                answered()
+
+        self.session.get(self._key(_TIME), take, timeout=1.0, allowed_destination=zenoh.Locality.REMOTE)
 
     def attach(self, service: Service, wake: Callable[[], None]) -> None:
         """Declare a service's ports; `wake` is called from another thread when an input that wakes has something."""
@@ -253,7 +289,7 @@ class ZenohBus:
     ) -> zenoh.handlers.Callback[zenoh.Sample]:
         def take(sample: zenoh.Sample) -> None:
             key = self._strip(str(sample.key_expr))
-            offer(RawSample(key, sample.payload.to_bytes(), self._clock.now_ns()))
+            offer(RawSample(key, sample.payload.to_bytes(), self.clock.now_ns()))
             if wake is not None:
                 wake()
 
@@ -273,8 +309,9 @@ class HubBus(ZenohBus):
     values, a hub does not claim to know them all, so that queries reach the one that does.
     """
 
-    def __init__(self, session: zenoh.Session, vessel: str, store: Store) -> None:
+    def __init__(self, session: zenoh.Session, vessel: str, store: Store, *, follows: bool) -> None:
         super().__init__(session, vessel)
+        self._follows = follows
         self.pulled = False
         """Whether the values of the hub linked now have been taken over."""
         self._store = store
@@ -282,22 +319,30 @@ class HubBus(ZenohBus):
         everything = self._key("**")
         self._kept += [
             session.declare_queryable(self._key(_DUMP), self._dump),
+            session.declare_queryable(self._key(_TIME), self._tell_time, complete=True),
         ]
         self._heard = session.declare_subscriber(everything, zenoh.handlers.FifoChannel(_STORE_BACKLOG))
         self._hearing = threading.Lock()
         self._answers = session.declare_queryable(everything, self._answer)
 
     @classmethod
-    def listen(
+    def listen(  # noqa: PLR0917
         cls,
         vessel: str,
         endpoints: tuple[str, ...],
         store: Store,
         link: tuple[str, ...] = (),
         secured: Secured | None = None,
+        warp: Warp | None = None,
     ) -> HubBus:
         """Return a router that listens at `endpoints` and links to `link`; raise ConfigError for a taken address."""
-        return cls(_open("router", endpoints, -1, link, secured), vessel, store)
+        CLOCK.warp = warp or Warp()
+        return cls(_open("router", endpoints, -1, link, secured), vessel, store, follows=bool(link))
+
+    def ask_time(self, answered: Callable[[], None] | None = None) -> None:
+        """Follow the hub's clock as a standby; the hub's own is the star's."""
+        if self._follows:
+            super().ask_time(answered)
 
     @property
     def clients(self) -> int:
@@ -333,7 +378,7 @@ class HubBus(ZenohBus):
 
     def fill_store(self) -> None:
         """Take over what has passed since the last call. In batches: a callback for each message would slow its way."""
-        now_ns = self._clock.now_ns()
+        now_ns = self.clock.now_ns()
         with self._hearing:
             while (sample := self._heard.try_recv()) is not None:
                 key = self._strip(str(sample.key_expr))
@@ -353,6 +398,10 @@ class HubBus(ZenohBus):
         self.fill_store()
         with query:
             query.reply(query.key_expr, self._store.dump())
+
+    def _tell_time(self, query: zenoh.Query) -> None:
+        with query:
+            query.reply(query.key_expr, self.clock.tell())
 
     def _merge(self, reply: zenoh.Reply) -> None:
         if reply.ok is None:

@@ -29,9 +29,12 @@ def access_rules(vessel: str, processes: Iterable[Process]) -> dict[str, Any]:
     A process publishes and reads its ports' keys and its own heartbeat. The operator publishes what operators send,
     plays logs under `replay/`, and reads everything. The standby may do all.
     """
+    time = f"{vessel}/@hub/time"
     rules: list[dict[str, Any]] = [
         _rule("hubs", [*ANSWERED, *ASKED, "declare_queryable"], ["ingress", "egress"], EVERYTHING),
-        _rule("wanted", WANTED, ["egress"], ["**"]),
+        _rule("wanted", WANTED, ["egress"], ["**", time]),
+        _rule("time_asked", ["query"], ["ingress"], [time]),
+        _rule("time_told", ["reply"], ["egress"], [time]),
     ]
     subjects: list[dict[str, Any]] = [
         {"id": "hubs", "usernames": [HUBS[1]]},
@@ -50,7 +53,8 @@ def access_rules(vessel: str, processes: Iterable[Process]) -> dict[str, Any]:
         own = [rule for rule in own if rule["key_exprs"]]
         rules += own
         subjects.append({"id": name, "usernames": [name]})
-        policies.append({"rules": [rule["id"] for rule in own] + ["wanted"], "subjects": [name]})
+        names = [*(rule["id"] for rule in own), "wanted", "time_asked", "time_told"]
+        policies.append({"rules": names, "subjects": [name]})
     return {
         "enabled": True,
         "default_permission": "deny",

@@ -6,13 +6,14 @@ import importlib
 import inspect
 import os
 import typing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field
 
+from bus.clock import Warp
 from bus.config import ConfigError, Deployment, Section, parse, read_toml
 from bus.hub import HubConfig
 from bus.service import Service
@@ -20,6 +21,9 @@ from marine.vessel import INSTRUMENTS, Vessel
 from services.vessels import load_vessel, vessel_path
 
 ROOT = Path(__file__).parent.parent
+
+PICTURES_UP_TO = 2.0
+"""In faster time poses come from a stand-in for camera and tracker, not from rendered pictures."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +100,7 @@ class Settings:
     path: Path | None
     tables: dict[str, Any]
     system: SystemConfig
+    warp: Warp = field(default_factory=Warp)
 
     @property
     def hub(self) -> HubConfig:
@@ -137,6 +142,16 @@ class Settings:
             self.section(entry)
         load_vessel(self.system.vessel)
 
+    def at(self, warp: Warp) -> Settings:
+        """Return the settings for time that runs faster; above `PICTURES_UP_TO` without pictures."""
+        if warp.factor <= PICTURES_UP_TO:
+            return replace(self, warp=warp)
+        tables = {name: table for name, table in self.tables.items() if name != "camera_tracker"}
+        tables["simulator"] = {**tables.get("simulator", {}), "pictures": False}
+        stand_in = {"camera_tracker": "services.simulator.stand_in:PoseStandIn"}
+        system = self.system.model_copy(update={"services": {**self.system.services, **stand_in}})
+        return replace(self, warp=warp, tables=tables, system=system)
+
     def deployment(self) -> Deployment:
         """Return where this system lives."""
         hub = self.hub
@@ -147,6 +162,7 @@ class Settings:
             recordings_dir=self.system.recordings.absolute(),
             hub_endpoints=tuple(_reachable(address) for address in hub.addresses),
             hub_standby=hub.standby,
+            warp=self.warp,
             security=hub.security and hub.security.absolute(),
         )
 

@@ -166,14 +166,14 @@ class Helm(Service):
         if self._lease.excludes(request.client, now_s) and not request.take:
             raise Refused(f"{self._lease.holder} has the helm: take over to act")
         reason = self._enter(request, request.mode, now_s)
-        self._lease = Lease(request.client, request.attended, now_s + request.lease_s)
+        self._lease = Lease(request.client, request.attended, now_s + request.lease_s * self.warp)
         return reason
 
     def _renew_or_release(self, request: OperatorRequest, now_s: float) -> str:
         if request.client != self._lease.holder:
             raise Refused(f"{request.client} does not have the helm")
         if request.action == "renew":
-            self._lease.expires_s = now_s + request.lease_s
+            self._lease.expires_s = now_s + request.lease_s * self.warp
         else:
             self._end_lease("the operator has let go")
         return ""

@@ -6,7 +6,6 @@ import json
 import math
 import os
 import threading
-import time
 import uuid
 from typing import TYPE_CHECKING, Annotated, get_args
 
@@ -41,8 +40,6 @@ def mode(  # noqa: PLR0917 - typer makes options of them
     if name not in get_args(Mode):
         raise CliError(f"no mode is called {name!r}; known: {', '.join(get_args(Mode))}")
     request = OperatorRequest(
-        stamp_ns=time.time_ns(),
-        source="cli",
         request_id=uuid.uuid4().hex[:12],
         client=f"cli-{os.getpid()}",
         mode=name,
@@ -64,7 +61,7 @@ def mode(  # noqa: PLR0917 - typer makes options of them
 
     with client(hub) as bus:
         bus.subscribe(topics.HELM_ANSWER.key, hear)
-        bus.publish(topics.OPERATOR_REQUEST, request)
+        bus.publish(topics.OPERATOR_REQUEST, request.stamped(bus.clock.now_ns(), 0, "cli"))
         if not answered.wait(ANSWER_S):
             raise CliError(f"the helm did not answer within {ANSWER_S:.0f} s: see `starboard status`")
     answer = answers[0]

@@ -24,9 +24,12 @@ def run(
     from services.catalog import build, load_settings
 
     prepare_process()
-    if config is None and (system := running()) is not None:
+    system = running()
+    if config is None and system is not None:
         config = system.config
     settings = load_settings(config)
+    if system is not None:
+        settings = settings.at(system.warp)
     entry = settings.process(name)
     service = build(entry, settings)
 

@@ -6,10 +6,11 @@ import contextlib
 import json
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bus.clock import Warp
 from services.cli.errors import CliError
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ class System:
     config: Path | None
     recordings: Path
     security: Path | None = None
+    warp: Warp = field(default_factory=Warp)
 
     def write(self, path: Path) -> None:
         """Write `current.json`."""
@@ -42,6 +44,7 @@ class System:
             "config": str(self.config) if self.config else None,
             "recordings": str(self.recordings),
             "security": str(self.security) if self.security else None,
+            "warp": asdict(self.warp),
         }
         path.write_text(json.dumps(values, indent=2))
 
@@ -62,8 +65,8 @@ def running() -> System | None:
         return None
     config = Path(values["config"]) if values["config"] else None
     security = Path(values["security"]) if values["security"] else None
-    hub, recordings = tuple(values["hub"]), Path(values["recordings"])
-    return System(values["pid"], values["vessel"], hub, values["page"], config, recordings, security)
+    hub, recordings, warp = tuple(values["hub"]), Path(values["recordings"]), Warp(**values["warp"])
+    return System(values["pid"], values["vessel"], hub, values["page"], config, recordings, security, warp)
 
 
 def service_states() -> list[dict[str, Any]]:

@@ -24,12 +24,17 @@ def up(
     config: Annotated[
         Path, typer.Argument(help="Configuration file: config/pool.toml for the real pool.")
     ] = DEFAULT_CONFIG,
+    warp: Annotated[
+        float, typer.Option(min=0.01, help="So many times faster than real time, in simulation; above 2 no pictures.")
+    ] = 1.0,
 ) -> None:
     """Start everything and watch it; prints the page's address. Ctrl-C stops it all."""
     from services.catalog import load_settings
     from services.supervision import supervise
 
     settings = load_settings(config)
+    if warp != 1.0:
+        settings = warped(settings, warp)
     settings.check()
     check_rules(settings)
     if (other := running()) is not None:
@@ -51,14 +56,28 @@ def up(
         settings.path,
         deployment.recordings_dir,
         deployment.security,
+        deployment.warp,
     )
     system.write(current_path())
     print(f"Starboard: {vessel}, {config}; page: {page}  recordings: {deployment.recordings_dir}  (Ctrl-C stops)")
+    if warp != 1.0:
+        print(f"Starboard: time runs {warp:g} times as fast")
     try:
         supervise(settings.processes, deployment.run_dir, settings.path, _tell)
     finally:
         current_path().unlink(missing_ok=True)
         print("Starboard: everything has stopped")
+
+
+def warped(settings: Settings, factor: float) -> Settings:
+    """Return the settings for faster time, from now on; raise CliError where it cannot be."""
+    from bus.clock import Warp
+
+    if not settings.system.simulation:
+        raise CliError(f"--warp {factor:g}: only a simulated world runs faster; set simulation = true")
+    if settings.hub.security:
+        raise CliError(f"--warp {factor:g}: the access rules are for real time; unset security in [hub]")
+    return settings.at(Warp(factor, time.time_ns()))
 
 
 def check_rules(settings: Settings) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bus.clock import CLOCK
 from services.cli.errors import CliError
 from services.cli.options import Hub, Json, Pattern, Vessel, complete_key, complete_operator_key, key_expression
 from services.cli.system import client
@@ -108,7 +109,7 @@ def get(key: Pattern, hub: Hub = None, vessel: Vessel = None, as_json: Json = Fa
         raise CliError(
             f"nobody has published {key}; `starboard topics` lists the keys, `starboard status` the live ones"
         )
-    now_ns = time.time_ns()
+    now_ns = CLOCK.now_ns()
     rows = [
         {"key": k, "age_s": round((now_ns - received_ns) * 1e-9, 3), "value": readable(payload)}
         for k, (payload, received_ns) in sorted(values.items())
@@ -181,7 +182,7 @@ def poke(
     """Publish a message by hand, checked against its schema first. The header is filled in."""
     topic, message = checked_message(key, _fields(key, values), force=force)
     with client(hub) as bus:
-        bus.publish(topic, message.stamped(message.stamp_ns or time.time_ns(), 0, message.source or "poke"))
+        bus.publish(topic, message.stamped(message.stamp_ns or bus.clock.now_ns(), 0, message.source or "poke"))
     print(f"{key}: sent")
 
 

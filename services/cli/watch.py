@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bus.clock import CLOCK
 from services.cli.errors import CliError
 from services.cli.options import Hub, Vessel, complete_key, key_expression
 from services.cli.system import client
@@ -98,11 +99,11 @@ def _show(bus: Any, wanted: str, heard: deque[RawSample], scope: str) -> None:
             end_s = time.monotonic() + REFRESH_S
             while (left_s := end_s - time.monotonic()) > 0:
                 if key := keyboard.read(left_s):
-                    board.press(key, time.time_ns())
+                    board.press(key, CLOCK.now_ns())
                     break
 
 
 def _picture(board: Board, width: int, height: int) -> Any:
     from services.cli.board import board_table, scope_table
 
-    return scope_table(board, width) if board.scope else board_table(board, time.time_ns(), max(height - 4, 3))
+    return scope_table(board, width) if board.scope else board_table(board, CLOCK.now_ns(), max(height - 4, 3))
