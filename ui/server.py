@@ -183,6 +183,7 @@ def system_document(vessel: Vessel, title: str = "") -> dict[str, Any]:
         "pool": dataclasses.asdict(vessel.pool),
         "camera": dataclasses.asdict(vessel.camera),
         "thrusters": [dataclasses.asdict(t) | {"max_n": Drive(t).upper} for t in vessel.thrusters],
+        "actuators": [a.name for a in vessel.actuators],
         "axes": ["surge", "sway", "yaw"],
         "laws": laws_document(),
         "services": sorted(publishers - {"*", topics.OPERATOR}),

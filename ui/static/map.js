@@ -115,16 +115,17 @@ export class PoolMap {
     c.font = "11px system-ui, sans-serif";
     c.textAlign = "center";
     c.textBaseline = "middle";
+    const half = gridStep(Math.max(length_x_m, length_y_m)) / 2;
     for (const vertical of [true, false]) {
       const length = vertical ? length_x_m : length_y_m;
-      for (let i = 0; i <= length * 2 + 1e-9; i++) {
-        const at = vertical ? this.px(i / 2) : this.py(i / 2);
+      for (let i = 0; i * half <= length + 1e-9; i++) {
+        const at = vertical ? this.px(i * half) : this.py(i * half);
         c.strokeStyle = i % 2 ? "rgba(140,190,210,0.07)" : "rgba(140,190,210,0.16)";
         line(c, vertical ? [at, this.top, at, this.top + height] : [this.left, at, this.left + width, at]);
         if (i % 2) continue;
         c.fillStyle = "#7f97a5";
-        if (vertical) c.fillText(String(i / 2), at, this.top + height + 12);
-        else c.fillText(String(i / 2), this.left - 11, at);
+        if (vertical) c.fillText(String(i * half), at, this.top + height + 12);
+        else c.fillText(String(i * half), this.left - 11, at);
       }
     }
     c.fillText("x, m", this.px(length_x_m) - 10, this.top + height + 25);
@@ -238,7 +239,7 @@ export class PoolMap {
   drawPush(c, { x_m, y_m, disturbance_x_n: fx, disturbance_y_n: fy }) {
     const force = Math.hypot(fx ?? 0, fy ?? 0);
     if (force < 0.005) return;
-    const strongest = Math.max(...this.system.thrusters.map((t) => t.max_n));
+    const strongest = Math.max(force, ...this.system.thrusters.map((t) => t.max_n));
     const length = this.scale * this.system.radius_m * (0.8 + 2 * Math.sqrt(Math.min(1, force / strongest)));
     const angle = Math.atan2(fy, fx);
     const [x, y] = [this.px(x_m), this.py(y_m)];
@@ -246,6 +247,14 @@ export class PoolMap {
     c.fillStyle = COLOURS.push;
     c.fillText(`${fixed(force, force < 0.1 ? 3 : 2)} N`, x + Math.cos(angle) * (length + 24), y + Math.sin(angle) * (length + 14));
   }
+}
+
+/** Distance of numbered lines in m: 1 in a pool, 1, 2 or 5 times a power of ten where the water is wide. */
+function gridStep(length_m) {
+  const rough = length_m / 12;
+  if (rough <= 1) return 1;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  return power * [1, 2, 5, 10].find((m) => power * m >= rough);
 }
 
 function line(c, [x1, y1, x2, y2]) {

@@ -30,7 +30,7 @@ export class Plots {
       [[state, "x_m"], [state, "y_m"]],
       [[state, "psi_rad"]],
       [["control/status", "error_x_m"], ["control/status", "error_y_m"]],
-      this.system.thrusters.map(({ name }) => ["actuator/command", `commands.${name}`]),
+      this.system.actuators.map((name) => ["actuator/command", `commands.${name}`]),
     ];
   }
 
