@@ -197,7 +197,7 @@ def _way_and_rest(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return how far each pixel is on the way from the surroundings' colour to the patch's, and how far beside it."""
     axis = inside - surroundings
-    centred = np.array(cv2.split(pixels), np.float32).reshape(3, -1)
+    centred = pixels.reshape(-1, 3).T.astype(np.float32, order="C")
     centred -= surroundings.astype(np.float32)[:, None]
     way = (axis / (axis @ axis)).astype(np.float32) @ centred
     centred -= axis.astype(np.float32)[:, None] * way

@@ -239,30 +239,47 @@ def dark_quadrilaterals(grey: NDArray[np.uint8]) -> list[Floats]:
     """Return the corners (4, 2), clockwise, of the dark four-cornered shapes in a picture, largest first."""
     if min(grey.shape) < _MIN_SIDE_PX:
         return []
-    depth = cv2.subtract(cv2.blur(grey, (_BLOCK_PX, _BLOCK_PX), borderType=cv2.BORDER_REPLICATE), grey)
+    smooth = cv2.blur(grey, (3, 3), borderType=cv2.BORDER_REPLICATE)  # else noise alone makes thousands of pieces
+    depth = cv2.subtract(cv2.blur(grey, (_BLOCK_PX, _BLOCK_PX), borderType=cv2.BORDER_REPLICATE), smooth)
     _, dark = cv2.threshold(depth, _BELOW, 1, cv2.THRESH_BINARY)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(dark, connectivity=4, ltype=cv2.CV_32S)
-    width, height, area = stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT], stats[:, cv2.CC_STAT_AREA]
-    short, long = np.minimum(width, height), np.maximum(width, height)
-    fits = (short >= _MIN_SIDE_PX) & (long < 5 * short) & (area > 0.2 * width * height)
-    fits[0] = False
-    chosen = np.flatnonzero(fits)
-    chosen = chosen[np.argsort(-area[chosen])][:_MAX_CANDIDATES]
+    contours, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+    long_enough = sorted((c for c in contours if len(c) >= 4 * (_MIN_SIDE_PX - 1)), key=len, reverse=True)
     found = []
-    for label in chosen.tolist():
-        x, y, w, h = stats[label, :4].tolist()
-        if depth[y : y + h, x : x + w].max() < _DEPTH:
+    for contour in long_enough[:_MAX_CANDIDATES]:
+        x, y, w, h = cv2.boundingRect(contour)
+        if min(w, h) < _MIN_SIDE_PX or max(w, h) >= 5 * min(w, h) or depth[y : y + h, x : x + w].max() < _DEPTH:
             continue
-        corners = _quadrilateral((labels[y : y + h, x : x + w] == label).astype(np.uint8))
+        corners = _quadrilateral(contour)
         if corners is not None:
-            found.append(np.add(corners, (x, y)))
-    return found
+            found.append(corners)
+    return _dark_inside(np.asarray(smooth, np.uint8), found)
 
 
-def _quadrilateral(piece: NDArray[np.uint8]) -> Floats | None:
-    """Return the corners of a piece whose hull is a quadrilateral, half a px outside its outermost px centres."""
-    contours, _ = cv2.findContours(piece, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
-    hull = cv2.convexHull(max(contours, key=len), clockwise=True)
+def _dark_inside(grey: NDArray[np.uint8], found: list[Floats]) -> list[Floats]:
+    """Return those quadrilaterals that are darker just inside their edges than just outside, on most of them."""
+    if not found:
+        return found
+    corners = np.stack(found)[:, :, None, :]
+    after = np.roll(corners, -1, axis=1)
+    middle = corners.mean(axis=1, keepdims=True)
+    at = corners + np.array([0.2, 0.5, 0.8])[:, None] * (after - corners) - middle
+    far = np.maximum(np.hypot(at[..., :1], at[..., 1:]), 1e-6)
+    inside, outside = (
+        cv2.remap(
+            grey,
+            *np.moveaxis(middle + at * (1.0 + by / far), -1, 0).reshape(2, -1, 12).astype(np.float32),
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        ).astype(np.int16)
+        for by in (-1.5, 1.5)
+    )
+    steps = ((outside - inside) > _BELOW).sum(axis=1)
+    return [one for one, count in zip(found, steps.tolist(), strict=True) if count >= 8]
+
+
+def _quadrilateral(contour: NDArray[np.int32]) -> Floats | None:
+    """Return the corners of a contour whose hull is a quadrilateral, half a px outside its outermost px centres."""
+    hull = cv2.convexHull(contour, clockwise=True)
     length, area = cv2.arcLength(hull, True), cv2.contourArea(hull)
     for tolerance in (0.04, 0.07, 0.1):
         corners = cv2.approxPolyDP(hull, tolerance * length, True)
