@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from bus import topics
-from bus.messages import Message, Mode, Name, OperatorJoystick, OperatorRequest, SimulationFault, Stick
+from bus.messages import ExperimentPlan, Message, Mode, Name, OperatorJoystick, OperatorRequest, SimulationFault, Stick
 from bus.service import first_line
 from bus.topics import Topic
 
@@ -55,6 +55,7 @@ class ModeMessage(_FromPage):
     x_m: float | None = None
     y_m: float | None = None
     psi_rad: float | None = None
+    experiment: ExperimentPlan | None = None
     take: bool = False
 
 
@@ -146,7 +147,8 @@ class Session:
                 self._stick(message.surge, message.sway, message.heave, message.yaw)
             case ModeMessage():
                 self._wants_lease = message.mode != "stop"
-                self._request(message.request_id, "mode", **message.model_dump(exclude={"type", "request_id"}))
+                wish = {name: getattr(message, name) for name in type(message).model_fields if name not in ("type", "request_id")}
+                self._request(message.request_id, "mode", **wish)
             case RenewMessage():
                 self._wants_lease = True
                 self._renewals += 1

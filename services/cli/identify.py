@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -12,7 +12,8 @@ from services.cli.errors import CliError
 from services.cli.options import Json
 
 if TYPE_CHECKING:
-    from marine.identification.result import FloatArray, Identified
+    from marine.identification.record import Record
+    from marine.identification.result import FloatArray, IdentificationError, Identified
     from marine.identification.thruster_map import ThrusterMap
 
 app = typer.Typer(no_args_is_help=True, help="Parameters from measurements.", rich_markup_mode=None)
@@ -74,6 +75,96 @@ def thruster(
     for warning in result.warnings:
         print(f"  warning: {warning}")
     print("\nfor the vessel file, under [[actuator]]:\n" + "\n".join(lines))
+
+
+METHODS = {
+    "projection": ("projection", "Projection on the first harmonic: any oscillation, relay or zig-zag."),
+    "describing-function": ("describing function", "Self-oscillation by the formulas of thesis Table 6.3."),
+    "least-squares": ("least squares", "Least squares on integrals, thesis 4.2: any manoeuvre that varies its force."),
+    "zig-zag-integrals": ("zig-zag integrals", "Zig-zag by integrals, thesis 4.4: constant drag."),
+    "response-fit": ("response fit", "Fit of the simulated response: step, pull-out, anything."),
+    "step-fit": ("step fit", "Fit of a step response at constant force, thesis (4.46)."),
+    "step-formulas": ("step formulas", "Step response by slope and velocity error, thesis Table 4.1."),
+}
+"""Command -> method of marine.identification.record, help."""
+
+_Axis = Literal["surge", "sway", "heave", "yaw"]
+_Drag = Literal["constant", "linear", "both"]
+
+
+def _command(method: str, text: str) -> Any:
+    def run(  # noqa: PLR0917 - typer makes options of them
+        data: Annotated[Path, typer.Argument(help="Recording (.mcap), or .csv with a header.")],
+        axis: Annotated[_Axis | None, typer.Option(help="Of the data.")] = None,
+        drag: Annotated[_Drag, typer.Option(help="Form of the drag coefficient.")] = "linear",
+        experiment: Annotated[int | None, typer.Option(help="Which of a log's experiments, from 1: the last.")] = None,
+        begin_s: Annotated[float | None, typer.Option(help="From here: time in the log, or of the CSV.")] = None,
+        end_s: Annotated[float | None, typer.Option(help="Up to here.")] = None,
+        sample_s: Annotated[float | None, typer.Option(min=0.001, help="Resample to this.")] = None,
+        delay_s: Annotated[float, typer.Option(min=0.0, help="Known delay from force to measured motion.")] = 0.0,
+        columns: Annotated[str, typer.Option(help="CSV: time=NAME,eta=NAME,tau=NAME; s, m or rad, N or Nm.")] = "",
+        degrees: Annotated[bool, typer.Option("--degrees", help="CSV: headings are in degrees.")] = False,
+        flip: Annotated[str, typer.Option(help="Turn the sign of eta, tau or eta,tau.")] = "",
+        vessel: Annotated[
+            str | None, typer.Option(help="Vessel, name or file, that --save puts the model into.")
+        ] = None,
+        save: Annotated[Path | None, typer.Option(help="Write a vessel file with this model here.")] = None,
+        report: Annotated[Path | None, typer.Option(help="Write an HTML report here.")] = None,
+        as_json: Json = False,
+    ) -> None:
+        from marine.identification.record import identify
+        from marine.identification.result import IdentificationError
+        from services.cli.identify_data import Source, load
+        from services.cli.identify_report import document, lines, model_error, write_report
+
+        source = Source(axis, experiment, begin_s, end_s, sample_s, delay_s, columns, degrees, flip)
+        record, told = load(data, source)
+        try:
+            found = identify(record, method, drag)
+        except IdentificationError as error:
+            raise CliError(f"{data}: {error}") from None
+        misfit = model_error(record, found)
+        print(json.dumps(document(found, told, misfit)) if as_json else "\n".join(lines(found, told, misfit)))
+        if report is not None:
+            write_report(report, record, found, _compared(record, drag), told)
+        if save is not None:
+            _save(found, vessel, axis, save, data)
+
+    run.__doc__ = text
+    return run
+
+
+for _name, (_method, _text) in METHODS.items():
+    app.command(_name)(_command(_method, _text))
+
+
+def _compared(record: Record, drag: _Drag) -> list[tuple[str, Identified | IdentificationError]]:
+    """Return what every method makes of the record, or why it cannot be used."""
+    from marine.identification.record import METHODS as ALL
+    from marine.identification.record import identify
+    from marine.identification.result import IdentificationError
+
+    found: list[tuple[str, Identified | IdentificationError]] = []
+    for name in ALL:
+        try:
+            found.append((name, identify(record, name, drag)))
+        except IdentificationError as error:
+            found.append((name, error))
+    return found
+
+
+def _save(found: Identified, vessel: str | None, axis: _Axis | None, target: Path, data: Path) -> None:
+    from services.identified_vessel import IdentifiedVesselError, write_vessel
+    from services.vessels import vessel_path
+
+    if vessel is None or axis is None:
+        raise CliError("--save needs --vessel (which file to put the model into) and --axis")
+    try:
+        write_vessel(vessel_path(vessel), target, axis, found, data.name)
+    except IdentifiedVesselError as error:
+        raise CliError(f"{target}: {error}") from None
+    except OSError as error:
+        raise CliError(f"{target}: cannot be written: {error.strerror}") from None
 
 
 def _read(path: Path) -> tuple[FloatArray, FloatArray]:

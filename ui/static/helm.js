@@ -5,7 +5,8 @@ import { toast } from "./toasts.js";
 
 const RENEW_MS = 1000;
 const ANSWER_MS = 1500;
-const NAMES = { stop: "stopped", manual: "manual", hold: "holding" };
+const NAMES = { stop: "stopped", manual: "manual", hold: "holding", experiment: "experiment" };
+const ACCEPTED = { stop: "Stopped", manual: "You have the stick", experiment: "The experiment begins" };
 
 export class Helm {
   constructor(link, store, reference) {
@@ -64,7 +65,7 @@ export class Helm {
     if (!this.waiting.delete(request_id)) return;
     if (accepted) {
       if (wish.mode === "hold") this.reference.clear();
-      toast(wish.mode === "stop" ? "Stopped" : wish.mode === "manual" ? "You have the stick" : "Holding");
+      toast(ACCEPTED[wish.mode] ?? "Holding");
       return;
     }
     const take = { label: "Take over", run: () => this.ask(wish.mode, wish.pose, true) };

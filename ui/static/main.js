@@ -1,6 +1,7 @@
 // Puts the page together: what comes in goes to the store; what is drawn is drawn from the store.
 
 import { CameraView } from "./camera.js";
+import { Experiment } from "./experiment.js";
 import { Faults } from "./faults.js";
 import { DEG, fixed, text } from "./format.js";
 import { Health } from "./health.js";
@@ -44,6 +45,7 @@ const sticks = new Sticks();
 const plots = new Plots(store, system, unitOf);
 const table = new Table(store, plots, describe);
 const health = new Health(store, link, system);
+const experiment = new Experiment(helm, store);
 const faults = new Faults(link, store, system);
 
 /** The reference in force, or where the vessel is: what a new choice starts from. */
@@ -138,6 +140,7 @@ setInterval(() => {
   health.tick();
   table.tick();
   faults.tick();
+  experiment.tick();
   camera.tick();
   helm.show();
 }, 250);

@@ -1,0 +1,138 @@
+"""A campaign of experiments from one file: levels x directions x repeats, from the same place, in calm water."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, Protocol
+
+from pydantic import Field
+
+from bus.config import Section
+from bus.messages import ExperimentAxis, ExperimentName, ExperimentPlan, ExperimentResult, ExperimentStatus
+
+
+class Place(Section):
+    """Where a run starts, in {E}."""
+
+    x_m: float
+    y_m: float
+    psi_deg: float = 0.0
+
+
+class CampaignFile(Section):
+    """The file. Runs go through amplitudes, then directions, then repeats."""
+
+    name: ExperimentName
+    axis: ExperimentAxis
+    amplitudes: tuple[float, ...] = Field(min_length=1, description="parts of what the actuators can do")
+    directions: tuple[Literal[-1, 1], ...] = (1, -1)
+    repeats: int = Field(5, ge=1)
+    hysteresis_m: float | None = None
+    hysteresis_rad: float | None = None
+    oscillations: int = 5
+    duration_s: float | None = None
+    start: Place = Field(description="where runs with direction 1 start")
+    start_back: Place | None = Field(None, description="where runs with direction -1 start; none: the same place")
+    near_m: float = Field(0.05, gt=0, description="so near to the start, and")
+    calm_m_s: float = Field(0.01, gt=0, description="so slow, turning included (rad/s x 0.3 m),")
+    calm_s: float = Field(3.0, ge=0, description="for so long before each run")
+    patience_s: float = Field(120.0, gt=0, description="longest wait for that")
+
+    def runs(self) -> Iterator[tuple[str, Place, ExperimentPlan]]:
+        """Yield each run: what it is called in the results, where it starts, what it does."""
+        for amplitude in self.amplitudes:
+            for repeat in range(1, self.repeats + 1):
+                for direction in self.directions:  # opposite runs follow each other: a current changes slowly
+                    back = self.start_back if direction < 0 else None
+                    plan = ExperimentPlan(
+                        name=self.name,
+                        axis=self.axis,
+                        amplitude=amplitude,
+                        direction=direction,
+                        hysteresis_m=self.hysteresis_m,
+                        hysteresis_rad=self.hysteresis_rad,
+                        oscillations=self.oscillations,
+                        duration_s=self.duration_s,
+                    )
+                    yield f"{amplitude:g} {direction:+d} {repeat}", back or self.start, plan
+
+
+class Pilot(Protocol):
+    """What a campaign needs of the running system."""
+
+    def rest_at(self, place: Place, campaign: CampaignFile) -> None:
+        """Hold the place and wait for calm; raise TimeoutError when it does not come."""
+
+    def run(self, plan: ExperimentPlan) -> tuple[ExperimentStatus, ExperimentResult | None]:
+        """Run an experiment to its end."""
+
+
+@dataclass
+class Results:
+    """What came out so far: a line of JSON per good run, so that a campaign goes on after a break."""
+
+    path: Path
+
+    def read(self) -> dict[str, ExperimentResult]:
+        """Return the good runs by name; a half-written last line is left out."""
+        found: dict[str, ExperimentResult] = {}
+        if self.path.exists():
+            for line in self.path.read_text(encoding="utf-8").splitlines():
+                try:
+                    entry = json.loads(line)
+                    found[entry["run"]] = ExperimentResult.model_validate(entry["result"])
+                except (ValueError, KeyError):
+                    continue
+        return found
+
+    def add(self, run: str, result: ExperimentResult) -> None:
+        """Append a run."""
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps({"run": run, "result": result.model_dump(mode="json")}) + "\n")
+
+
+def drive(campaign: CampaignFile, results: Results, pilot: Pilot, tell: Callable[[str], None]) -> int:
+    """Make the runs that are not in the results yet; return how many failed."""
+    done = results.read()
+    failed = 0
+    for name, place, plan in campaign.runs():
+        if name in done:
+            tell(f"{name}: made before")
+            continue
+        pilot.rest_at(place, campaign)
+        status, result = pilot.run(plan)
+        if result is None or status.state != "done":
+            failed += 1
+            tell(f"{name}: failed: {status.reason}")
+            continue
+        results.add(name, result)
+        tell(f"{name}: " + ", ".join(f"{p.name} {p.value:.4g} {p.unit}" for p in result.methods[0].parameters))
+    return failed
+
+
+def summary(results: dict[str, ExperimentResult]) -> list[dict[str, float | str | int]]:
+    """Return mean and standard deviation (ddof = 1) of each parameter by each method, as pladypos Table 2.
+
+    Runs with a warning that they end short of their steady state count in `marked`.
+    """
+    import numpy as np
+
+    values: dict[tuple[str, str, str], list[float]] = {}
+    marked: dict[str, int] = {}
+    for result in results.values():
+        for method in result.methods:
+            marked[method.method] = marked.get(method.method, 0) + any("steady state" in w for w in method.warnings)
+            for p in method.parameters:
+                values.setdefault((method.method, p.name, p.unit), []).append(p.value)
+    rows: list[dict[str, float | str | int]] = []
+    for (how, name, unit), found in values.items():
+        std = float(np.std(found, ddof=1)) if len(found) > 1 else math.nan
+        rows.append(
+            {"method": how, "parameter": name, "unit": unit, "runs": len(found), "mean": float(np.mean(found)),
+             "std": std, "marked": marked[how]}
+        )  # fmt: skip
+    return rows

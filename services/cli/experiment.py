@@ -1,0 +1,242 @@
+"""`starboard experiment NAME`: run an identification experiment on the running system, or a whole campaign."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import threading
+import time
+import uuid
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from services.cli.errors import CliError
+from services.cli.options import Hub, Json
+from services.cli.system import client
+
+if TYPE_CHECKING:
+    from bus.messages import ExperimentPlan, ExperimentResult, ExperimentStatus, HelmAnswer, Message, NavigationState
+    from bus.service import RawSample
+    from bus.zenoh_bus import ZenohBus
+    from services.campaign import CampaignFile, Place
+
+ANSWER_S = 2.0
+SILENT_S = 5.0
+LEASE_S = 3600.0
+
+
+def experiment(  # noqa: PLR0917 - typer makes options of them
+    name: Annotated[str, typer.Argument(help="step, zigzag, self-oscillation, pull-out, prbs; or campaign.")],
+    axis: Annotated[Literal["surge", "sway", "heave", "yaw"], typer.Option(help="Which axis is pushed.")] = "yaw",
+    amplitude: Annotated[float, typer.Option(min=0.01, max=1.0, help="Part of what the actuators can do.")] = 0.5,
+    reverse: Annotated[bool, typer.Option("--reverse", help="Push the other way first.")] = False,
+    hysteresis_m: Annotated[float | None, typer.Option(help="Reverse so far from the start.")] = None,
+    hysteresis_deg: Annotated[float | None, typer.Option(help="The same for yaw.")] = None,
+    oscillations: Annotated[int, typer.Option(min=2, max=50, help="Consecutive ones that must agree.")] = 5,
+    duration_s: Annotated[float | None, typer.Option(help="Longest duration.")] = None,
+    take: Annotated[bool, typer.Option("--take", help="Take over from a page that has the helm.")] = False,
+    file: Annotated[Path | None, typer.Option(help="Of a campaign: its TOML file.")] = None,
+    hub: Hub = None,
+    as_json: Json = False,
+) -> None:
+    """Run an experiment; shows its progress and prints the model. Ctrl-C ends it: the vessel holds where it is."""
+    if name == "campaign":
+        _campaign(file, hub, take, as_json)
+        return
+    from pydantic import ValidationError
+
+    from bus.messages import ExperimentPlan
+    from bus.service import first_line
+
+    try:
+        plan = ExperimentPlan(
+            name=name,
+            axis=axis,
+            amplitude=amplitude,
+            direction=-1 if reverse else 1,
+            hysteresis_m=hysteresis_m,
+            hysteresis_rad=None if hysteresis_deg is None else math.radians(hysteresis_deg),
+            oscillations=oscillations,
+            duration_s=duration_s,
+        )
+    except ValidationError as error:
+        raise CliError(first_line(error)) from None
+    with client(hub) as bus:
+        pilot = BusPilot(bus, take, quiet=as_json)
+        status, result = pilot.run(plan)
+    if as_json:
+        print(json.dumps({"state": status.state, "reason": status.reason, "result": _dump(result)}))
+    else:
+        print("\n".join(_lines(status, result)))
+    if status.state != "done":
+        raise typer.Exit(1)
+
+
+class BusPilot:
+    """Asks the helm on a real bus, and waits for what experiment and estimator say."""
+
+    def __init__(self, bus: ZenohBus, take: bool, *, quiet: bool) -> None:
+        from bus import topics
+
+        self._bus, self._take, self._quiet = bus, take, quiet
+        self._heard = threading.Condition()
+        self._answers: dict[str, HelmAnswer] = {}
+        self._status: ExperimentStatus | None = None
+        self._result: ExperimentResult | None = None
+        self._state: NavigationState | None = None
+        for topic in (topics.HELM_ANSWER, topics.EXPERIMENT_STATUS, topics.EXPERIMENT_RESULT, topics.NAVIGATION_STATE):
+            bus.subscribe(topic.key, partial(self._hear, topic.message))
+
+    def _hear(self, kind: type[Message], sample: RawSample) -> None:
+        from bus.messages import ExperimentResult, ExperimentStatus, HelmAnswer, NavigationState
+
+        message = kind.decode(sample.payload)
+        with self._heard:
+            if isinstance(message, HelmAnswer):
+                self._answers[message.request_id] = message
+            elif isinstance(message, ExperimentStatus):
+                self._status = message
+            elif isinstance(message, ExperimentResult):
+                self._result = message
+            elif isinstance(message, NavigationState):
+                self._state = message
+            self._heard.notify_all()
+
+    def ask(self, **wish: Any) -> str:
+        """Ask the helm; return the request's id, raise CliError when it refuses."""
+        from bus import topics
+        from bus.messages import OperatorRequest
+
+        request = OperatorRequest(
+            stamp_ns=time.time_ns(), source="cli", request_id=uuid.uuid4().hex[:12], client=f"cli-{os.getpid()}",
+            lease_s=LEASE_S, attended=False, take=self._take, **wish,
+        )  # fmt: skip
+        self._bus.publish(topics.OPERATOR_REQUEST, request)
+        with self._heard:
+            if not self._heard.wait_for(lambda: request.request_id in self._answers, ANSWER_S):
+                raise CliError(f"the helm did not answer within {ANSWER_S:.0f} s: see `starboard status`")
+            answer = self._answers[request.request_id]
+        if not answer.accepted:
+            raise CliError(f"refused: {answer.reason}")
+        return request.request_id
+
+    def run(self, plan: ExperimentPlan) -> tuple[ExperimentStatus, ExperimentResult | None]:
+        """Run an experiment to its end; on Ctrl-C hold instead."""
+        run = self.ask(mode="experiment", experiment=plan)
+        try:
+            status = self._follow(run)
+        except KeyboardInterrupt:
+            self.ask(mode="hold")
+            raise CliError("ended: the vessel holds where it is") from None
+        result = self._result
+        return status, result if result is not None and result.run == run else None
+
+    def _follow(self, run: str) -> ExperimentStatus:
+        from rich.console import Console
+
+        console = Console(stderr=True, quiet=self._quiet)
+        told = ""
+        last_s = time.monotonic()
+        with console.status("waiting for the experiment") as line:
+            while time.monotonic() - last_s < SILENT_S:
+                with self._heard:
+                    self._heard.wait(1.0)
+                    status, self._status = self._status, None
+                if status is None or status.run != run:
+                    continue
+                last_s = time.monotonic()
+                if status.state in ("done", "failed"):
+                    return status
+                line.update(progress_line(status))
+                if status.advice and status.advice != told:
+                    told = status.advice
+                    console.print(f"advice: {told}")
+        raise CliError("the experiment's process is silent: see `starboard status`")
+
+    def rest_at(self, place: Place, campaign: CampaignFile) -> None:
+        """Hold the place and wait for calm."""
+        self.ask(mode="hold", x_m=place.x_m, y_m=place.y_m, psi_rad=math.radians(place.psi_deg))
+        end_s = time.monotonic() + campaign.patience_s
+        calm_since_s = math.inf
+        while time.monotonic() - calm_since_s < campaign.calm_s:
+            with self._heard:
+                self._heard.wait(1.0)
+                state = self._state
+            if state is None or not at_rest(state, place, campaign):
+                calm_since_s = math.inf
+            elif calm_since_s == math.inf:
+                calm_since_s = time.monotonic()
+            if time.monotonic() > end_s:
+                raise CliError(f"no calm at x {place.x_m}, y {place.y_m} within {campaign.patience_s:.0f} s")
+
+
+def at_rest(state: NavigationState, place: Place, campaign: CampaignFile) -> bool:
+    """Whether the vessel is at a place, and slow."""
+    away_m = math.hypot(state.x_m - place.x_m, state.y_m - place.y_m)
+    speed_m_s = math.hypot(state.surge_m_s, state.sway_m_s) + 0.3 * abs(state.yaw_rad_s)
+    return away_m <= campaign.near_m and speed_m_s <= campaign.calm_m_s
+
+
+def progress_line(status: ExperimentStatus) -> str:
+    """Return one line of live progress."""
+    force = "Nm" if status.unit == "rad" else "N"
+    parts = [
+        f"{status.name} {status.axis}: {status.phase}",
+        f"{100 * status.progress:3.0f} %",
+        f"{status.elapsed_s:5.1f} s",
+    ]
+    parts.append(f"{status.force:+.3g} {force}")
+    if status.half_period_s is not None:
+        parts.append(f"half period {status.half_period_s:.2f} s")
+    if status.amplitude is not None and status.bias is not None:
+        parts.append(f"X_m {status.amplitude:.3f} {status.unit}, x_0 {status.bias:+.3f}")
+    if status.spread is not None:
+        parts.append(f"spread {100 * status.spread:.1f} %, {status.oscillations} in a row")
+    return " · ".join(parts)
+
+
+def _lines(status: ExperimentStatus, result: ExperimentResult | None) -> list[str]:
+    out = [f"{status.name} {status.axis}: {status.state}{': ' if status.reason else ''}{status.reason}"]
+    for method in result.methods if result else ():
+        out.append(f"{method.method}: {method.failure or method.model}")
+        out += [
+            f"  {p.name:15} {p.value:12.6g} {f'+- {p.std:.2g}' if p.std is not None else '':>10} {p.unit}"
+            for p in method.parameters
+        ]
+        out += [f"  warning: {w}" for w in method.warnings]
+    if result and result.vessel_file:
+        out.append(f"vessel file: {result.vessel_file}")
+    return out
+
+
+def _dump(result: ExperimentResult | None) -> dict[str, Any] | None:
+    return result.model_dump(mode="json", exclude={"t_s", "measured", "simulated"}) if result else None
+
+
+def _campaign(path: Path | None, hub: str | None, take: bool, as_json: bool) -> None:
+    from bus.config import parse, read_toml
+    from services.campaign import CampaignFile, Results, drive, summary
+
+    if path is None:
+        raise CliError("a campaign needs --file FILE.toml: see docs/identification.md")
+    campaign = parse(CampaignFile, read_toml(path), path)
+    results = Results(path.with_suffix(".results.jsonl"))
+    with client(hub) as bus:
+        failed = drive(campaign, results, BusPilot(bus, take, quiet=True), lambda line: print(line, flush=True))
+    rows = summary(results.read())
+    if as_json:
+        print(json.dumps({"failed": failed, "results": [{k: _finite(v) for k, v in row.items()} for row in rows]}))
+    else:
+        print("  ".join(rows[0]) if rows else "no good run yet")
+        for row in rows:
+            print("  ".join(f"{v:.6g}" if isinstance(v, float) else str(v) for v in row.values()))
+    if failed:
+        raise typer.Exit(1)
+
+
+def _finite(value: float | str | int) -> float | str | int | None:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
