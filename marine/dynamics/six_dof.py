@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from marine.frames import jacobian
 from marine.vessel import SixDofModel
@@ -87,7 +86,7 @@ class SixDofDynamics:
     def __init__(self, model: SixDofModel) -> None:
         self.model = model
         self.M = mass_matrix(model)
-        self._factor = cho_factor(self.M)
+        self._inverse = np.linalg.inv(self.M)  # constant; scipy.linalg would cost every process 20 MB
 
     def acceleration(self, eta: Array, nu: Array, tau: Array, current: Array | None = None) -> Array:
         """Return nu', 6, in m/s^2 and rad/s^2. tau: actuators and environment; current: water's velocity in {E}, 3.
@@ -99,7 +98,7 @@ class SixDofDynamics:
         if current is not None:
             nu_r[:3] -= jacobian(eta)[:3, :3].T @ current
         forces = tau - rigid_body_coriolis(m, nu) @ nu - added_mass_coriolis(m, nu_r) @ nu_r - damping(m, nu_r)
-        solved: Array = cho_solve(self._factor, forces - restoring(m, eta))
+        solved: Array = self._inverse @ (forces - restoring(m, eta))
         return solved
 
     def derivative(self, state: Array, tau: Array, current: Array | None = None) -> Array:
