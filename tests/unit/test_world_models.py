@@ -38,7 +38,7 @@ def free(vessel: Vessel, **changes: Any) -> Vessel:
 
 def vessels() -> list[Vessel]:
     pladypos = load_vessel("pladypos")
-    stronger = tuple(replace(a, characteristic=replace(a.characteristic, k_t=0.05)) for a in pladypos.thrusters)  # type: ignore[type-var]
+    stronger = tuple(replace(a, characteristic=replace(a.characteristic, k_t=0.05)) for a in pladypos.thrusters)  # type: ignore[arg-type]
     extra = [
         replace(pladypos, name=n, dynamics=d, actuators=stronger)
         for n, d in (("coupled", COUPLED), ("six_dof", SIX_DOF))
