@@ -1,3 +1,4 @@
+# ruff: noqa: N803, N806, PLR0917 - symbols of the thesis
 """Distance keeping by thesis 8.2 in simulation: Algorithm 8.5 with VideoRay before a wall, and the laser's absence.
 
 `python -m benchmarks.distance_keeping PLOT.svg` draws what Fig. 8.16 and 8.17 show.
@@ -157,7 +158,7 @@ def keep(
     yaw: DegreeOfFreedom,
     seconds: float,
     reference: Callable[[float], float],
-    blind: Callable[[float], bool] = lambda t: False,
+    blind: Callable[[float], bool] = lambda _: False,
     tuning: DistanceTuning = STEADY,
 ) -> Log:
     """Algorithm 8.5 IV, V: filter and both controllers, the angle's 5 s before the distance's."""
@@ -197,7 +198,7 @@ def blind_errors(
     errors = []
     for seed in range(runs):
         wall = Wall(seed, drift_m_s=drift_m_s, tether=tether)
-        log = keep(wall, surge, yaw, 65.0, lambda t: 0.5, lambda t: 40.0 <= t < 45.0 or t >= 60.0)
+        log = keep(wall, surge, yaw, 65.0, lambda _: 0.5, lambda t: 40.0 <= t < 45.0 or t >= 60.0)
         off = np.abs(np.array(log.true_m) - 0.5)
         errors += [float(off[k : k + 50].max()) for k in (400, 600)]
     return errors
@@ -207,7 +208,7 @@ def measure() -> list[Result]:
     """Return errors with the laser, and without it for 5 s, of filter and controllers made by Algorithm 8.5."""
     yaw = identified_yaw()
     surge = identified_surge(yaw)
-    log = keep(Wall(1), surge, yaw, 60.0, lambda t: 0.5)
+    log = keep(Wall(1), surge, yaw, 60.0, lambda _: 0.5)
     off = np.array(log.true_m[300:]) - 0.5
     current = [e for v in (0.0, 0.01, 0.02) for e in blind_errors(surge, yaw, drift_m_s=v, tether=False, runs=8)]
     force = blind_errors(surge, yaw, drift_m_s=0.0, tether=True, runs=8)
@@ -231,7 +232,7 @@ def plot(path: Path) -> None:
         return 0.6 - 0.2 * min(max((t - 20.0) / 20.0, 0.0), 1.0) + (0.15 if t >= 60.0 else 0.0)
 
     moving = keep(Wall(1), surge, yaw, 100.0, ramp_and_step)
-    absent = keep(Wall(2), surge, yaw, 60.0, lambda t: 0.5, lambda t: 25.0 <= t < 30.0 or 45.0 <= t < 50.0)
+    absent = keep(Wall(2), surge, yaw, 60.0, lambda _: 0.5, lambda t: 25.0 <= t < 30.0 or 45.0 <= t < 50.0)
     charts = []
     for title, log in (("Ramp and step", moving), ("Laser absent 25-30 s, 45-50 s", absent)):
         chart = Chart(title, "t, s", "distance, m")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from marine.control.model_function import Coefficients
+from marine.control.preview import natural_time_s
 from marine.control.single_loop import TRACKING_TIME, SingleLoop
 from marine.control.stability import limited
 from marine.control.structures import STRUCTURES, LoopDesign, design
@@ -19,7 +20,7 @@ class DistanceKeeping:
     to the anti-windup (8.29).
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0917 - the symbols of 8.2.2
         self,
         surge: DegreeOfFreedom,
         yaw: DegreeOfFreedom,
@@ -32,8 +33,8 @@ class DistanceKeeping:
 
         Raise ValueError when a design is not robustly stable, (8.22).
         """
-        self.distance = _Loop(limited(design(STRUCTURES["I-PD"], surge, a_d)), a_d, X_n)
-        self.angle = _Loop(limited(design(STRUCTURES["I-PD"], yaw, a_phi)), a_phi, N_nm)
+        self.distance = _Loop(limited(design(STRUCTURES["I-PD"], surge, a_d)), X_n)
+        self.angle = _Loop(limited(design(STRUCTURES["I-PD"], yaw, a_phi)), N_nm)
 
     def steer(self, dt_s: float, phi_rad: float, r_rad_s: float) -> float:
         """Return N in Nm that turns the vessel towards the wall."""
@@ -47,9 +48,8 @@ class DistanceKeeping:
 class _Loop:
     """A `SingleLoop` that starts from zero force where it is first stepped, within limits."""
 
-    def __init__(self, made: LoopDesign, a: Coefficients, limit: float) -> None:
-        w0_rad_s = a[2] ** (-1.0 / 3.0)
-        self._loop, self._limit = SingleLoop(made, TRACKING_TIME / w0_rad_s), limit
+    def __init__(self, made: LoopDesign, limit: float) -> None:
+        self._loop, self._limit = SingleLoop(made, TRACKING_TIME * natural_time_s(made)), limit
         self._before: float | None = None
         self._missing = 0.0
 
