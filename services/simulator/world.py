@@ -114,6 +114,7 @@ class World:
         """Let the world go on to now, with the commands as they are."""
         if not 0 <= now_ns - self._now_ns <= LONGEST_GAP_NS:
             self._now_ns = self._gust_ns = now_ns
+            self.actuators.hurry()
         while self._now_ns < now_ns:
             step_ns = min(now_ns - self._now_ns, LONGEST_STEP_NS)
             arrival_ns = self.actuators.next_ns()

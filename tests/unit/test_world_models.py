@@ -165,6 +165,20 @@ def test_bias_tether_and_wind_push() -> None:
     assert ends[3] > 0.5
 
 
+def test_a_clock_set_back_does_not_hold_up_delayed_commands() -> None:
+    world = World(load_vessel("videoray"), Surroundings(), 1, (2.5, 1.8, 0.0, 0.0, 0.0, 0.0), 10_000 * NS)
+    world.advance(10_000 * NS + NS // 50)
+    world.command({"port": 20.0})  # under way for 0.1 s
+    world.advance(1 * NS)
+    for k in range(1, 20):
+        world.advance(NS + k * NS // 20)
+    assert world.actuators.values["port"] == pytest.approx(20.0, abs=0.01)
+    world.command({"port": 10.0})
+    for k in range(20, 40):
+        world.advance(NS + k * NS // 20)
+    assert world.actuators.values["port"] == pytest.approx(10.0, abs=0.01)
+
+
 def test_surface_and_bottom_stop_what_dives() -> None:
     vessel = free(load_vessel("falcon"))  # heavy by 10 N
     world = World(vessel, Surroundings(depth_m=1.0), 1, (5e3, 5e3, 0.0, 0.0, 0.0, 0.0), 0)
