@@ -28,6 +28,7 @@ from camera_tracker.detectors.base import (
     worst,
 )
 from camera_tracker.detectors.edges import Floats, Outline, fit_outline, heading_of, middle_of
+from camera_tracker.detectors.template import align
 from camera_tracker.sources import Image
 from marine.frames import wrap_angle
 
@@ -39,6 +40,14 @@ _MIN_SIDE_PX = 7
 _MAX_CANDIDATES = 150
 _BLOCK_PX, _BELOW, _DEPTH = 25, 8, 16
 """Adaptive threshold: darker than the mean of a block by so many grey levels, and somewhere by so many."""
+_NOISY_PX = 0.04
+"""When an edge is known no better than this, the marker is fitted by its whole code."""
+_DENSITY, _NOISY_DENSITY = 4, 8
+"""Places per module at most, for that: more of them average more noise."""
+_NEAR_PX = 0.25
+"""Without noise, corners by the code and by the outline are not further apart, unless something is on the marker."""
+_STRANGE_MODULE = 0.12
+"""A module that differs by this part of the contrast may have some glare on it, or a shadow."""
 _REACH_MODULES = 0.7
 _GOOD_CONTRAST = 40.0
 _BENT_PX = 0.15
@@ -102,6 +111,8 @@ class _Reading:
     wrong_bits: int
     covered: float
     """Part of the modules that are not as the code says."""
+    strange: bool
+    """Whether a module is not quite as the code says."""
     bright: bool
     """Whether those are too bright rather than too dark."""
 
@@ -190,7 +201,7 @@ class SquareDetector(Detector):
         if reading is None:
             return None
         name, heading = self._of_id.get(reading.marker, (str(reading.marker), 0.0))
-        at = np.add(reading.corners, (region.x0, region.y0))
+        at = np.add(self._aligned(grey, outline, reading, module_px), (region.x0, region.y0))
         x_px, y_px = middle_of(at)
         quality, reason = worst(_checks(outline, reading, at, image, module_px))
         return name, Detection(
@@ -204,6 +215,21 @@ class SquareDetector(Detector):
             misfit=reading.covered,
             corners_px=tuple((x, y) for x, y in at.tolist()),
         )
+
+    def _aligned(self, grey: NDArray[np.float32], outline: Outline, reading: _Reading, module_px: float) -> Floats:
+        """Return the corners by the whole code, but those of the outline where something lies on the code.
+
+        The outline leaves out what glare or a hand changes, the code does not; noise hides the outline sooner.
+        """
+        noisy = float(outline.std_px.max()) > _NOISY_PX
+        if not noisy and reading.strange:
+            return reading.corners
+        pattern = self._code.patterns[reading.marker] > 0.5
+        density = min(max(round(module_px), 2), _NOISY_DENSITY if noisy else _DENSITY)
+        aligned = align(grey, reading.corners, pattern, density, outline.width_px / module_px)
+        if aligned is None or not noisy and float(np.abs(aligned - reading.corners).max()) > _NEAR_PX:
+            return reading.corners
+        return aligned
 
     def _read(self, grey: NDArray[np.float32], outline: Outline) -> _Reading | None:
         """Read the marker inside an outline: its code, its turn, and which modules are not as they should be."""
@@ -231,6 +257,7 @@ class SquareDetector(Detector):
             corners=outline.corners[_TURNED[turns]],
             wrong_bits=wrong_bits,
             covered=int(np.count_nonzero(size_of_error > _WRONG_MODULE)) / error.size,
+            strange=float(size_of_error.max()) > _STRANGE_MODULE,
             bright=bool(error[size_of_error > 0.1].sum() >= 0.0),
         )
 

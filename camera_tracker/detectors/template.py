@@ -1,0 +1,86 @@
+"""A square marker by its whole code: every edge of every module says where it lies, which noise can hide less.
+
+Gauss-Newton, inverse compositional: Baker, Matthews, "Lucas-Kanade 20 years on", IJCV 56 (2004), section 3.2. What is
+costly depends on the marker and its blur alone, and is kept. A blur that is alike to both sides, such as that of a
+motion, moves nothing, though the template's is round.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+_FINE = 16
+"""Px per module of the picture that is blurred."""
+_AROUND = 0.6
+"""Modules of the white ring that are compared; further out the blur brings in what lies beyond it."""
+_ITERATIONS = 8
+_SETTLED = 2e-4
+"""Of half the marker's side."""
+_SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], np.float32)
+
+
+def align(
+    grey: NDArray[np.float32], corners: Floats, pattern: NDArray[np.bool_], density: int, blur_modules: float
+) -> Floats | None:
+    """Return the corners (4, 2) where a marker fits best, from near ones; None when it does not settle.
+
+    pattern: (modules, modules), true where white, with the white ring and the black border; its first corner is
+    corners[0]. density: places compared per module, each way. blur_modules: standard deviation of the picture's blur.
+    """
+    places, solver = _model(pattern.tobytes(), len(pattern), density, round(10.0 * blur_modules))
+    h = cv2.getPerspectiveTransform(_SQUARE, corners.astype(np.float32))
+    n = math.isqrt(places.shape[1])
+    for _ in range(_ITERATIONS):
+        points = h.astype(np.float32) @ places
+        x, y = (points[:2] / points[2]).reshape(2, n, n)
+        values = cv2.remap(grey, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        gain, _, *step = (solver @ values.ravel()).tolist()
+        if gain <= 0:
+            return None
+        a, b, c, d, e, f, g, k = (s / gain for s in step)
+        h = h @ np.linalg.inv([[1 + a, b, c], [d, 1 + e, f], [g, k, 1]])
+        size = max(abs(s) for s in (a, b, c, d, e, f, g, k))
+        if size < _SETTLED:
+            ends = h @ np.vstack([_SQUARE.T, np.ones(4)])
+            return np.asarray((ends[:2] / ends[2]).T)
+        if size > 0.3:
+            return None
+    return None
+
+
+@lru_cache(maxsize=64)
+def _model(
+    pattern: bytes, modules: int, density: int, blur_tenths: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the places compared (3, n * n) in half sides, and what turns grey levels there into ten numbers.
+
+    These are contrast, black level, and contrast times the eight changes of the homography (less one) by which the
+    template would have to be warped to look like the picture.
+    """
+    white = np.frombuffer(pattern, np.bool_).reshape(modules, modules).astype(np.float32)
+    fine = np.kron(white, np.ones((_FINE, _FINE), np.float32))
+    fine = np.asarray(cv2.GaussianBlur(fine, (0, 0), max(0.1 * blur_tenths, 0.05) * _FINE), np.float32)
+    half = 0.5 * (modules - 2)
+    at = np.arange(-half - _AROUND, half + _AROUND, 1.0 / density)
+    at -= at.mean()
+    x, y = (v.astype(np.float32) for v in np.meshgrid(at, at))
+
+    def seen(picture: NDArray[np.float32]) -> Floats:
+        scale = np.float32(_FINE)
+        middle = np.float32(0.5 * (modules * _FINE - 1))
+        return np.asarray(cv2.remap(picture, x * scale + middle, y * scale + middle, cv2.INTER_LINEAR), float).ravel()
+
+    down, right = np.gradient(fine, 1.0 / (_FINE * half))
+    u, v = (p.ravel() / half for p in (x.astype(float), y.astype(float)))
+    gu, gv, template = seen(right), seen(down), seen(fine)
+    radial = -(gu * u + gv * v)
+    columns = [template, np.ones_like(u), gu * u, gu * v, gu, gv * u, gv * v, gv, radial * u, radial * v]
+    solver = np.linalg.pinv(np.stack(columns, axis=1))
+    return np.stack([u, v, np.ones_like(u)]).astype(np.float32), solver.astype(np.float32)
