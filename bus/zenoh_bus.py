@@ -131,11 +131,12 @@ class ZenohBus:
         endpoints: tuple[str, ...],
         timeout_s: float | None = None,
         secured: Secured | None = None,
-        clock: StarClock = CLOCK,
+        clock: StarClock | None = CLOCK,
     ) -> ZenohBus:
         """Return a client of the hub, waiting for it as long as it takes, or raise HubUnreachableError.
 
-        `secured`: `bus.security.client_settings`, where the hub asks for a password. The clock is set by the hub's.
+        `secured`: `bus.security.client_settings`, where the hub asks for a password. The clock is set by the hub's,
+        where there is one.
         """
         begin_s = time.monotonic()
         told = False
@@ -144,8 +145,9 @@ class ZenohBus:
             first = turn % len(endpoints)
             with contextlib.suppress(HubUnreachableError):
                 in_turn = (*endpoints[first:], *endpoints[:first])
-                bus = cls(_open("client", in_turn, TRY_MS, secured=secured), vessel, clock)
-                bus._set_clock()
+                bus = cls(_open("client", in_turn, TRY_MS, secured=secured), vessel, clock or StarClock())
+                if clock is not None:
+                    bus._set_clock()
                 return bus
             waited_s = time.monotonic() - begin_s
             if timeout_s is not None and waited_s >= timeout_s:

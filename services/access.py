@@ -5,14 +5,15 @@ The value is Zenoh's `access_control` (https://zenoh.io/docs/manual/access-contr
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from bus import topics
+from bus.bridge import BridgeConfig
 from bus.security import HUB_NAME
 from bus.service import Output, RawInput
 from bus.topics import OPERATOR
-from services.catalog import Process
+from services.catalog import Process, Settings
 from services.star import HUBS
 
 ANSWERED = ("put", "delete", "reply", "liveliness_token")
@@ -23,11 +24,20 @@ EVERYTHING = ["**", "**/@hub/**"]
 """All keys, with those that hubs alone use among themselves: no wildcard fits a chunk with an @."""
 
 
-def access_rules(vessel: str, processes: Iterable[Process]) -> dict[str, Any]:
+def bridges(settings: Settings) -> dict[str, BridgeConfig]:
+    """Return the sections of the bridges among a configuration's processes, by name."""
+    sections = {p.name: settings.section(p) for p in settings.processes}
+    return {name: section for name, section in sections.items() if isinstance(section, BridgeConfig)}
+
+
+def access_rules(
+    vessel: str, processes: Iterable[Process], bridged: Mapping[str, BridgeConfig] | None = None
+) -> dict[str, Any]:
     """Return the rules for one user per process and for `operator` (the command line).
 
-    A process publishes and reads its ports' keys and its own heartbeat. The operator publishes what operators send,
-    plays logs under `replay/`, and reads everything. The standby may do all.
+    A process publishes and reads its ports' keys and its own heartbeat, a bridge (`bridged`: by name) also what it
+    passes on. The operator publishes what operators send, plays logs under `replay/`, and reads everything. The
+    standby may do all.
     """
     time = f"{vessel}/@hub/time"
     rules: list[dict[str, Any]] = [
@@ -42,6 +52,9 @@ def access_rules(vessel: str, processes: Iterable[Process]) -> dict[str, Any]:
     ]
     policies: list[dict[str, Any]] = [{"rules": ["hubs"], "subjects": ["hubs", "hub_of_standby"]}]
     users = {p.name: _ports(vessel, p) for p in processes if p.name not in HUBS}
+    for name, config in (bridged or {}).items():
+        writes, reads = config.keys(vessel)
+        users[name] = (users[name][0] + writes, users[name][1] + reads)
     sent = [f"{vessel}/{t.key}" for t in topics.all_topics() if t.publisher == OPERATOR]
     users[OPERATOR] = ([*sent, "replay/**"], ["**"])
     for name, (writes, reads) in users.items():

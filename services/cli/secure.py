@@ -43,7 +43,7 @@ def init(
 
     Run it again after a change of services or hosts: keys and passwords that are there stay.
     """
-    from services.access import access_rules
+    from services.access import access_rules, bridges
     from services.catalog import load_settings
     from services.star import HUBS
 
@@ -57,7 +57,7 @@ def init(
     hosts = _hosts(settings, host or [])
     _certificate(folder, hosts)
     _passwords(folder, users)
-    rules = access_rules(settings.vessel_name, settings.processes)
+    rules = access_rules(settings.vessel_name, settings.processes, bridges(settings))
     _write(folder / "hub" / "rules.json", json.dumps(rules, indent=1))
     print(f"{folder}: a certificate for {', '.join(hosts)}; {len(users)} users, each with a password and rules")
     print(f'now set in the configuration:  [hub]  security = "{folder}"  and addresses that begin with tls/')

@@ -85,9 +85,10 @@ def check_rules(settings: Settings) -> None:
     if (folder := settings.hub.security) is None:
         return
     from bus.security import read_rules
-    from services.access import access_rules
+    from services.access import access_rules, bridges
 
-    if read_rules(folder) != json.loads(json.dumps(access_rules(settings.vessel_name, settings.processes))):
+    rules = access_rules(settings.vessel_name, settings.processes, bridges(settings))
+    if read_rules(folder) != json.loads(json.dumps(rules)):
         config = f" --config {settings.path}" if settings.path else ""
         raise CliError(
             f"{folder}: its access rules are not those of these services: run `starboard secure init {folder}{config}`"
