@@ -147,7 +147,7 @@ def identified_surge(yaw: DegreeOfFreedom, seed: int = 0, C: float = 0.6, x_a: f
 
 
 def _identified(eta: list[float], tau: list[float], dt_s: float, delay_s: float, axis: Axis) -> DegreeOfFreedom:
-    t = np.arange(len(eta)) * dt_s
+    t = np.arange(len(eta), dtype=float) * dt_s
     found = harmonic.project(t, np.array(eta), np.array(tau), drag="linear", axis=axis, delay_s=delay_s)
     return DegreeOfFreedom(found["alpha"], 0.0, found["beta_quadratic"])
 

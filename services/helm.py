@@ -33,8 +33,10 @@ _EXPERIMENT: Source = "experiment"
 
 HORIZONTAL = ("surge", "sway", "yaw")
 AXIS_FIELDS = {"surge": "surge_n", "sway": "sway_n", "heave": "heave_n", "yaw": "yaw_nm"}
-LAWS: dict[Mode, str] = {"hold": "positioning", "experiment": "positioning"}
+LAWS: dict[Mode, str] = {"hold": "positioning", "heading": "positioning", "experiment": "positioning"}
 """Modes that a control law serves -> the law that the controller runs."""
+MODES: tuple[Mode, ...] = ("stop", "manual", "hold", "heading", "experiment")
+"""Modes that there are so far."""
 STATE_PERIOD_S = 0.2
 RESTORE_S = 1.0
 """How long a helm that has just started waits for its former state from the hub."""
@@ -132,7 +134,7 @@ class Helm(Service):
             return
         self._restored = True
         expires_s = former.lease_expires_ns / NS
-        if former.mode not in ("manual", "hold") or now_s >= expires_s:
+        if former.mode not in ("manual", "hold", "heading") or now_s >= expires_s:
             return
         self._mode = former.mode
         self._lease = Lease(former.holder, former.attended, expires_s)
@@ -183,16 +185,18 @@ class Helm(Service):
             self._end_lease("the operator's page is gone")
 
     def _end_lease(self, reason: str) -> None:
-        """Without an operator `manual` ends, `hold` goes on, and an experiment becomes `hold`."""
+        """Without an operator `manual` ends, `hold` goes on, an experiment and `heading` become `hold`."""
         self._lease = Lease()
         if self._mode == "manual":
             self._stop(reason)
-        elif self._mode == "experiment":
-            self._end_experiment(reason)
+        elif self._mode in ("experiment", "heading"):
+            self._hold_here(reason)
 
     def _enter(self, request: OperatorRequest, mode: Mode, now_s: float) -> str:
-        if mode not in ("manual", "hold", "experiment"):
-            raise Refused(f"{self.vessel.name} has no mode {mode} yet; known: stop, manual, hold, experiment")
+        if mode not in MODES:
+            raise Refused(f"{self.vessel.name} has no mode {mode} yet; known: {', '.join(MODES)}")
+        if mode == "heading":  # the place is the stick's
+            request = request.model_copy(update={"x_m": None, "y_m": None})
         reference = None if mode == "manual" else self._checked_reference(request, now_s)
         self._plan = self._checked_plan(request) if mode == "experiment" else None
         self._run = request.request_id
@@ -202,6 +206,8 @@ class Helm(Service):
             self._reason, self._suspended_at_s = "", None
         if reference is None:
             return ""
+        if mode == "heading":
+            return f"psi {math.degrees(reference.psi_rad):.1f} deg"
         return f"x {reference.x_m:.3f} m, y {reference.y_m:.3f} m, psi {math.degrees(reference.psi_rad):.1f} deg"
 
     def _checked_plan(self, request: OperatorRequest) -> ExperimentPlan:
@@ -214,8 +220,8 @@ class Helm(Service):
             raise Refused(f"{self.vessel.name} has no actuators for {plan.axis}")
         return plan
 
-    def _end_experiment(self, reason: str) -> None:
-        """Give the axis back to the controller: hold the place where the vessel is."""
+    def _hold_here(self, reason: str) -> None:
+        """Give all axes to the controller: hold the place where the vessel is."""
         state, margin, pool = self.navigation.latest, self.vessel.radius_m, self.vessel.pool
         if state is not None:
             x_m = max(margin, min(pool.length_x_m - margin, state.x_m))
@@ -246,7 +252,7 @@ class Helm(Service):
     def _steer(self, now_s: float) -> None:
         if self._mode == "experiment":
             self._watch_experiment()
-        if self._mode in ("hold", "experiment"):
+        if self._mode in LAWS:
             self._pass_on_or_suspend(now_s)
         elif self._mode == "manual":
             self._manual(now_s)
@@ -254,20 +260,22 @@ class Helm(Service):
             self._publish_zero()
 
     def _manual(self, now_s: float) -> None:
-        """Scale the sticks with what the vessel can do on each axis; a silent or foreign joystick gives zero."""
+        """Pass on what the stick asks for."""
         self._suspended_at_s = None
-        stick = self.joystick.fresh(now_s)
+        speed_m_s = _speed_m_s(self.navigation.fresh(now_s))
+        self.wrench.publish(HelmWrench(mode="manual", speed_m_s=speed_m_s, **self._stick(now_s)))
+
+    def _stick(self, now_s: float) -> dict[str, float]:
+        """Scale the stick with what the vessel can do on each axis; a silent or foreign joystick gives zero."""
+        stick, (X, Y, _, _, _, N) = self.joystick.fresh(now_s), self._limits
         if stick is None or stick.client != self._lease.holder:
-            self._publish_zero()
-            return
-        X, Y, _, _, _, N = self._limits
-        content = {"surge_n": stick.surge * X, "sway_n": stick.sway * Y, "yaw_nm": stick.yaw * N}
-        self.wrench.publish(HelmWrench(mode="manual", speed_m_s=_speed_m_s(self.navigation.fresh(now_s)), **content))
+            return {"surge_n": 0.0, "sway_n": 0.0, "yaw_nm": 0.0}
+        return {"surge_n": stick.surge * X, "sway_n": stick.sway * Y, "yaw_nm": stick.yaw * N}
 
     def _watch_experiment(self) -> None:
         status = self.progress.latest
         if status is not None and status.run == self._run and status.state not in ("idle", "running"):
-            self._end_experiment(f"{status.name}: {status.reason or status.state}")
+            self._hold_here(f"{status.name}: {status.reason or status.state}")
 
     def _pass_on_or_suspend(self, now_s: float) -> None:
         """Pass on the wrench of the sources in charge while they and the pose are fresh; else suspend, later stop."""
@@ -286,8 +294,10 @@ class Helm(Service):
         self._publish_zero()
 
     def _demand(self, now_s: float) -> tuple[Wrench | None, str]:
-        """Return the controller's wrench, in an experiment with its axis from there, or None and who is silent."""
+        """Return the controller's wrench, with the axes of other sources from there, or None and who is silent."""
         wrench = self.control.fresh(now_s)
+        if wrench is not None and self._mode == "heading":
+            return wrench.model_copy(update=self._stick(now_s) | {"yaw_nm": wrench.yaw_nm}), ""
         if wrench is None or self._plan is None:
             return wrench, "" if wrench else "no wrench from the controller"
         part = self.experiment.fresh(now_s)
@@ -359,7 +369,9 @@ class Helm(Service):
         """Return who has which axis."""
         if self._mode == "stop":
             return {}
-        everything = dict.fromkeys(HORIZONTAL, _MANUAL if self._mode == "manual" else _CONTROLLER)
+        everything = dict.fromkeys(HORIZONTAL, _MANUAL if self._mode in ("manual", "heading") else _CONTROLLER)
+        if self._mode == "heading":
+            everything["yaw"] = _CONTROLLER
         return everything | ({self._plan.axis: _EXPERIMENT} if self._plan else {})
 
     def stop(self, now_s: float) -> None:
