@@ -83,10 +83,14 @@ class Estimator(Service):
         position_m = config.position_noise_px / vessel.camera.scale_px_per_m
         heading_rad = config.heading_noise_rad
         self._lost_after_s, self._ready_std_m_s = config.lost_after_s, config.ready_std_m_s
+        self._instruments = False
         if vessel.sensor("camera") is None and receiver and compass:
+            self._instruments = True
             position_m, heading_rad = max(position_m, _std(receiver)), max(heading_rad, _std(compass))
             self._lost_after_s = max(self._lost_after_s, 3.0 * receiver.sample_time_s + receiver.delay_s)
             self._ready_std_m_s = max(self._ready_std_m_s, position_m)  # as well as 1 s of the receiver shows it
+        unused = ("pose",) if self._instruments else ("position", "compass")
+        self.ports = {n: p for n, p in self.ports.items() if n not in unused}  # type: ignore[misc]  # of this object alone
         self._headings: deque[tuple[int, float]] = deque(maxlen=64)
         self._tuning = EkfTuning(
             position_m=position_m,
@@ -120,7 +124,7 @@ class Estimator(Service):
             self._forget()
             self._seen_ns = self._used_ns = 0
             self._wrenches.clear()
-        for pose in [*self.pose.take(), *self._fixes()]:
+        for pose in self._fixes() if self._instruments else self.pose.take():
             if pose.name not in self._names:
                 continue
             if not self._acceptable(pose, now_ns) or not self._take_in(pose):
