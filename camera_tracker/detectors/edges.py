@@ -23,7 +23,7 @@ _MIN_STEP = 8.0
 """Grey levels across an edge below which it is none."""
 _OUTLIER_PX = 0.2
 _ITERATIONS = 5
-_SETTLED_PX = 0.05
+_SETTLED_PX = 0.1
 _NEXT, _LAST = np.array([1, 2, 3, 0]), np.array([3, 0, 1, 2])
 
 
