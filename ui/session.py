@@ -147,7 +147,7 @@ class Session:
                 self._stick(message.surge, message.sway, message.heave, message.yaw)
             case ModeMessage():
                 self._wants_lease = message.mode != "stop"
-                wish = {name: getattr(message, name) for name in type(message).model_fields if name not in ("type", "request_id")}
+                wish = {name: value for name, value in message if name not in ("type", "request_id")}
                 self._request(message.request_id, "mode", **wish)
             case RenewMessage():
                 self._wants_lease = True

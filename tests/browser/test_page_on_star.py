@@ -11,6 +11,7 @@ from playwright.sync_api import Page, sync_playwright
 from benchmarks.running_star import RunningStar, wait_for
 from bus import topics
 from bus.messages import SimulationTruth
+from services.vessels import load_vessel
 from tests.browser.test_page import ARGS, DESK, open_page, press_at, push_stick, take_stick
 
 pytestmark = [pytest.mark.browser, pytest.mark.system, pytest.mark.timeout(180)]
@@ -64,3 +65,23 @@ def test_a_click_on_the_map_and_hold_ends_at_that_true_place_and_stop_stops(page
     wait_for(arrived, 60.0, "the true vessel is at the place that was clicked")
     page.click("#stop")
     wait_for(lambda: at_rest(star), 1.0, "zero commands at the firmware")
+
+
+def test_an_experiment_is_run_from_the_page_to_its_result(page: Page, star: RunningStar) -> None:
+    page.click("[data-tab=experiment]")
+    page.fill("#experiment [name=amplitude]", "70")
+    page.fill("#experiment [name=hysteresis]", "15")
+    page.fill("#experiment [name=oscillations]", "2")
+    page.click("#experiment-start")
+    star.wait(topics.EXPERIMENT_STATUS, lambda s: s.state == "running" and s.axis == "yaw", 5.0, "it runs")
+    page.wait_for_selector("#experiment-result table", timeout=60_000)
+    shown = page.inner_text("#experiment-result")
+    assert "projection on the first harmonic" in shown
+    assert "Vessel file: " in shown
+    result = star.last(topics.EXPERIMENT_RESULT)
+    assert result is not None
+    found = {p.name: p.value for p in result.methods[0].parameters}
+    yaw = load_vessel("pladypos").model.yaw
+    assert abs(found["alpha"] / yaw.alpha - 1.0) < 0.05
+    star.wait(topics.HELM_STATE, lambda s: s.mode == "hold", 1.0, "the controller has all axes again")
+    page.click("#stop")

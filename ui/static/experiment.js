@@ -21,7 +21,7 @@ export class Experiment {
         number("hysteresis", "reverse at, ° or m", "", { step: "any", placeholder: "chosen" }),
         number("oscillations", "oscillations", "5", { min: 2, max: 50 })),
       h("button", { type: "submit", id: "experiment-start" }, "Start"));
-    this.bar = h("progress", { max: "1", value: "0", style: "width:100%" });
+    this.bar = h("progress", { max: "1", value: "0" });
     this.line = h("p", { class: "note", id: "experiment-status" });
     this.advice = h("p", { class: "note" });
     this.result = h("div", { id: "experiment-result" });
@@ -76,7 +76,7 @@ export class Experiment {
     const path = (values, colour) => {
       const line = document.createElementNS(SVG, "polyline");
       line.setAttribute("points", values.map((v, i) => `${(t_s[i] / end) * WIDTH},${HEIGHT - ((v - low) / (high - low || 1)) * HEIGHT}`).join(" "));
-      line.setAttribute("style", `fill:none;stroke:${colour};stroke-width:2`);
+      for (const [name, value] of Object.entries({ fill: "none", stroke: colour, "stroke-width": 2 })) line.setAttribute(name, value);
       return line;
     };
     const svg = document.createElementNS(SVG, "svg");

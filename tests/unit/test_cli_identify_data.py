@@ -1,0 +1,106 @@
+"""`starboard identify METHOD data.csv`: mapping, units, signs, resampling, report, vessel file; bad data refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from marine.identification.validation import simulate
+from marine.vessel import DegreeOfFreedom
+from services.cli.errors import CliError
+from services.cli.identify import app
+from services.vessels import load_vessel
+
+TRUE = DegreeOfFreedom(0.5, 0.0, 0.3)
+
+
+def relay(dt: float = 0.1, duration_s: float = 60.0) -> np.ndarray:
+    """Return columns time, heading in rad, moment in Nm of a relay experiment."""
+    rows, psi, r, tau = [], 0.0, 0.0, 0.4
+    for k in range(int(duration_s / dt)):
+        tau = -0.4 if psi >= 0.3 else 0.4 if psi <= -0.3 else tau
+        rows.append((k * dt, psi, tau))
+        for _ in range(20):
+            after = float(simulate(TRUE, np.array([0.0, dt / 20]), np.array([tau, tau]), nu_0=r)[1])
+            psi, r = psi + 0.5 * dt / 20 * (r + after), after
+    return np.array(rows)
+
+
+DATA = relay()
+
+
+def write(path: Path, data: np.ndarray, header: str = "time,eta,tau") -> str:
+    np.savetxt(path, data, delimiter=",", header=header, comments="")
+    return str(path)
+
+
+def invoke(*arguments: str) -> str:
+    result = CliRunner().invoke(app, arguments, catch_exceptions=True)
+    if isinstance(result.exception, CliError):
+        raise result.exception
+    assert result.exit_code == 0, result.output
+    return result.stdout
+
+
+@pytest.mark.parametrize("method", ["projection", "least-squares", "response-fit"])
+def test_a_csv_file_is_identified(tmp_path: Path, method: str) -> None:
+    out = json.loads(invoke(method, write(tmp_path / "a.csv", DATA), "--axis", "yaw", "--json"))
+    found = {p["name"]: p["value"] for p in out["parameters"]}
+    assert found["alpha"] == pytest.approx(TRUE.alpha, rel=0.01)
+    assert found["beta_quadratic"] == pytest.approx(TRUE.beta_quadratic, rel=0.02)
+    assert "600 samples at 10 Hz" in out["data"]
+    assert out["mean_absolute_error"] < 0.05
+
+
+def test_columns_degrees_and_signs_are_what_the_user_says(tmp_path: Path) -> None:
+    table = np.column_stack([DATA[:, 0], -DATA[:, 2], np.degrees(DATA[:, 1])])
+    path = write(tmp_path / "b.csv", table, "t,N,heading")
+    mapping = ("--columns", "time=t,eta=heading,tau=N", "--degrees", "--flip", "tau", "--sample-s", "0.05")
+    out = json.loads(invoke("projection", path, "--axis", "yaw", *mapping, "--json"))
+    assert out["parameters"][0]["value"] == pytest.approx(TRUE.alpha, rel=0.02)
+    assert "resampled to 0.05 s" in out["data"]
+    assert "turned: tau" in out["data"]
+
+
+def test_report_and_vessel_file(tmp_path: Path) -> None:
+    report, saved = tmp_path / "out.html", tmp_path / "new.toml"
+    path = write(tmp_path / "a.csv", DATA)
+    invoke("projection", path, "--axis", "yaw", "--report", str(report), "--vessel", "pladypos", "--save", str(saved))
+    html = report.read_text()
+    assert html.count("<svg") == 4
+    assert "95 % interval" in html
+    assert "describing function" in html
+    assert "http" not in html.replace("http://www.w3.org/2000/svg", "")
+    assert load_vessel(str(saved)).model.yaw.alpha == pytest.approx(TRUE.alpha, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("data", "options", "reason"),
+    [
+        (DATA[:100], [], "too few"),
+        (np.delete(DATA, slice(100, 110), axis=0), [], "gap of"),
+        (DATA[[*range(100), 50, *range(100, 200)]], [], "backward"),
+        (DATA[[*range(100), 99, *range(100, 200)]], [], "twice the same"),
+        (DATA * [1.0, 57.3, 1.0], [], "degrees"),
+        (DATA * [1.0, 1.0, 0.0], [], "constant"),
+        (DATA, ["--flip", "tau"], "sign"),
+        (DATA, ["--flip", "x"], "--flip"),
+        (DATA, ["--columns", "eta=psi"], "there are time, eta, tau"),
+    ],
+)
+def test_bad_data_are_refused_with_the_reason(
+    tmp_path: Path, data: np.ndarray, options: list[str], reason: str
+) -> None:
+    path = write(tmp_path / "bad.csv", data)
+    with pytest.raises(CliError, match=reason):
+        invoke("describing-function", path, "--axis", "yaw", *options)
+
+
+def test_a_file_that_is_no_recording_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "x.mcap").write_bytes(b"nothing")
+    with pytest.raises(CliError, match=r"x\.mcap"):
+        invoke("projection", str(tmp_path / "x.mcap"))
