@@ -304,7 +304,7 @@ def plot(path: Path) -> None:
 
     track, rudder = Chart("U-turn", "x, m", "y, m"), Chart("Rudder: w0 0.5, from 30 s 0.211 rad/s", "t, s", "deg")
     for name, law in laws(SLOW).items():
-        voyage = sail(Boat(1), law, u_turn, 160.0)
+        voyage = sail(Boat(1), law, u_turn, 200.0)
         track.line(voyage.x_m, voyage.y_m, name)
     boat, ahead = Boat(1), Line(0.0, 0.0, 0.0)
     sail(boat, Direct(FAST), lambda _: ahead, 60.0)

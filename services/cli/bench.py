@@ -11,7 +11,20 @@ import typer
 
 from services.cli.errors import CliError
 
-BENCHMARKS = ("chain", "hold", "resources", "memory", "wake", "bus", "models", "ship", "tracker", "control")
+BENCHMARKS = (
+    "chain",
+    "hold",
+    "resources",
+    "memory",
+    "wake",
+    "bus",
+    "models",
+    "ship",
+    "tracker",
+    "control",
+    "distance_keeping",
+    "line_following",
+)
 
 
 def bench(
