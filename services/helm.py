@@ -307,11 +307,13 @@ class Helm(Service):
         return wrench.model_copy(update={field: getattr(part, field)}), ""
 
     def _pose(self, now_s: float) -> tuple[NavigationState | None, str]:
-        """Return the estimated state if it may be used for holding, or None and why not."""
+        """Return the estimated state if it may be used in this mode, or None and why not."""
         state = self.navigation.fresh(now_s)
         if state is None:
             return None, "the estimator is silent"
-        if state.status not in ("tracking", "predicting") or state.measurement_age_s > self.vessel.validity.hold_s:
+        validity = self.vessel.validity
+        longest_s = validity.heading_s if self._mode == "heading" else validity.hold_s
+        if state.status not in ("tracking", "predicting") or state.measurement_age_s > longest_s:
             return None, f"the pose is lost ({state.status}, last seen {state.measurement_age_s:.1f} s ago)"
         return state, ""
 
