@@ -196,7 +196,7 @@ def test_a_silent_experiment_suspends_and_one_that_starts_again_gives_up(tmp_pat
     [
         ({"name": "step", "axis": "sway"}, "free way"),
         (
-            {"name": "self-oscillation", "axis": "surge", "amplitude": 1.0, "hysteresis_m": 1.2, "duration_s": 900.0},
+            {"name": "self-oscillation", "axis": "surge", "amplitude": 1.0, "hysteresis_m": 1.7, "duration_s": 900.0},
             "wall",
         ),
         ({"name": "self-oscillation", "axis": "yaw", "amplitude": 0.05, "duration_s": 30.0}, "oscillations would take"),

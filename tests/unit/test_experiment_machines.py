@@ -10,13 +10,13 @@ import pytest
 from marine.identification.experiments import (
     Experiment,
     Motion,
-    OscillationMonitor,
     SelfOscillation,
     Setup,
     Step,
     braking_distance,
     design,
 )
+from marine.identification.monitor import OscillationMonitor
 from marine.identification.record import on_grid
 from marine.identification.response_fit import fit
 from marine.identification.result import IdentificationError
