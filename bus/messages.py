@@ -91,6 +91,9 @@ class CameraPose(Message):
     quality: Fraction
     reason: Text = Field("", description="why the quality is low")
     heading_ambiguous: bool = False
+    region_px: tuple[int, int, int, int] | None = Field(
+        None, description="where it was looked for: left, top, right, bottom; None: in the whole picture"
+    )
 
 
 class CameraStatus(Message):

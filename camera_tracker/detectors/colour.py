@@ -105,8 +105,8 @@ def find_blobs(mask: Mask, min_area_px2: float) -> tuple[list[Blob], NDArray[np.
     """Return the connected pieces of a mask, largest first, and the picture of their labels."""
     _, labels, stats, centres = cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=cv2.CV_32S)
     blobs = [
-        Blob(label, *centre, float(area), Region(x, y, x + w, y + h))
-        for label, ((x, y, w, h, area), centre) in enumerate(zip(stats.tolist(), centres.tolist(), strict=True))
+        Blob(label, x_px, y_px, float(area), Region(x, y, x + w, y + h))
+        for label, ((x, y, w, h, area), (x_px, y_px)) in enumerate(zip(stats.tolist(), centres.tolist(), strict=True))
         if label > 0 and area >= min_area_px2
     ]
     return sorted(blobs, key=lambda blob: -blob.area_px2), labels  # type: ignore[return-value]

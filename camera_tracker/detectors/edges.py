@@ -33,7 +33,7 @@ class Outline:
 
     corners: (4, 2), px, clockwise. contrast: grey levels across each edge. inliers: part of the points of each edge
     that lie on its line. std_px: of each edge's line, from the scatter of its points. bent_px: the part of that scatter
-    that is no noise, because neighbours have it in common: largest of the edges. width_px: of the blurred edge,
+    that is no noise, because neighbours have it in common: largest of the edges. widths_px: of each blurred edge,
     standard deviation. step_px: how far the last iteration moved the lines.
     """
 
@@ -42,7 +42,7 @@ class Outline:
     inliers: Floats
     std_px: Floats
     bent_px: float
-    width_px: float
+    widths_px: Floats
     step_px: float
 
 
@@ -53,7 +53,7 @@ class _Crossing:
     offsets: Floats
     good: NDArray[np.bool_]
     contrast: Floats
-    width_px: float
+    widths_px: Floats
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def fit_outline(grey: NDArray[np.float32], corners: Floats, reach_px: float, *, 
         inliers=inliers / count,
         std_px=np.sqrt(spread / np.maximum(inliers, 1)),
         bent_px=math.sqrt(float(bent.max())),
-        width_px=crossing.width_px,
+        widths_px=crossing.widths_px,
         step_px=step_px,
     )
 
@@ -191,9 +191,8 @@ def _cross(
         seen = np.maximum(np.maximum(whole[:, 2], 0.3 * whole[:, 0]) / count, 1e-6)
         offsets = sums[:, :, 1] / seen[:, None]
     good = np.abs(rise - contrast[:, None]) < 0.5 * contrast[:, None]
-    _, _, _, square = whole.sum(axis=0).tolist()
-    width = square / max(float(whole[:, 0].sum()), 1e-6)
-    return _Crossing(np.asarray(offsets), good, np.asarray(contrast, np.float64), math.sqrt(max(width, 0.0)))
+    widths = np.sqrt(np.maximum(whole[:, 3], 0.0) / np.maximum(whole[:, 0], 1e-6)).astype(np.float64)
+    return _Crossing(np.asarray(offsets), good, np.asarray(contrast, np.float64), widths)
 
 
 def _median(rows: Floats) -> Floats:

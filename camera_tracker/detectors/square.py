@@ -48,6 +48,8 @@ _NEAR_PX = 0.25
 """Without noise, corners by the code and by the outline are not further apart, unless something is on the marker."""
 _STRANGE_MODULE = 0.12
 """A module that differs by this part of the contrast may have some glare on it, or a shadow."""
+_EDGE_PX = 1.5
+"""A candidate is darker so far inside its edges than so far outside, at two thirds of the places looked at."""
 _REACH_MODULES = 0.7
 _GOOD_CONTRAST = 40.0
 _BENT_PX = 0.15
@@ -107,6 +109,7 @@ class _Reading:
     """A marker that was read: its id, and what speaks against it."""
 
     marker: int
+    turns: int
     corners: Floats
     wrong_bits: int
     covered: float
@@ -226,8 +229,10 @@ class SquareDetector(Detector):
             return reading.corners
         pattern = self._code.patterns[reading.marker] > 0.5
         density = min(max(round(module_px), 2), _NOISY_DENSITY if noisy else _DENSITY)
-        aligned = align(grey, reading.corners, pattern, density, outline.width_px / module_px)
-        if aligned is None or not noisy and float(np.abs(aligned - reading.corners).max()) > _NEAR_PX:
+        upper, right, lower, left = (outline.widths_px[_TURNED[reading.turns]] / module_px).tolist()
+        blur_modules = (0.5 * (left + right), 0.5 * (upper + lower))
+        aligned = align(grey, reading.corners, pattern, density, blur_modules)
+        if aligned is None or (not noisy and float(np.abs(aligned - reading.corners).max()) > _NEAR_PX):
             return reading.corners
         return aligned
 
@@ -254,6 +259,7 @@ class SquareDetector(Detector):
         size_of_error = np.abs(error)
         return _Reading(
             marker=marker,
+            turns=turns,
             corners=outline.corners[_TURNED[turns]],
             wrong_bits=wrong_bits,
             covered=int(np.count_nonzero(size_of_error > _WRONG_MODULE)) / error.size,
@@ -291,20 +297,17 @@ def _dark_inside(grey: NDArray[np.uint8], found: list[Floats]) -> list[Floats]:
     middle = corners.mean(axis=1, keepdims=True)
     at = corners + np.array([0.2, 0.5, 0.8])[:, None] * (after - corners) - middle
     far = np.maximum(np.hypot(at[..., :1], at[..., 1:]), 1e-6)
-    inside, outside = (
-        cv2.remap(
-            grey,
-            *np.moveaxis(middle + at * (1.0 + by / far), -1, 0).reshape(2, -1, 12).astype(np.float32),
-            cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_REPLICATE,
-        ).astype(np.int16)
-        for by in (-1.5, 1.5)
-    )
-    steps = ((outside - inside) > _BELOW).sum(axis=1)
+
+    def level(out_px: float) -> NDArray[np.int16]:
+        places = (middle + at * (1.0 + out_px / far)).reshape(len(found), 12, 2).astype(np.float32)
+        x, y = np.ascontiguousarray(places[..., 0]), np.ascontiguousarray(places[..., 1])
+        return cv2.remap(grey, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.int16)
+
+    steps = (level(_EDGE_PX) - level(-_EDGE_PX) > _BELOW).sum(axis=1)
     return [one for one, count in zip(found, steps.tolist(), strict=True) if count >= 8]
 
 
-def _quadrilateral(contour: NDArray[np.int32]) -> Floats | None:
+def _quadrilateral(contour: NDArray[Any]) -> Floats | None:
     """Return the corners of a contour whose hull is a quadrilateral, half a px outside its outermost px centres."""
     hull = cv2.convexHull(contour, clockwise=True)
     length, area = cv2.arcLength(hull, True), cv2.contourArea(hull)
@@ -328,7 +331,7 @@ def _checks(
     covered = "glare" if reading.bright else "partly covered"
     inliers = float(outline.inliers.min())
     std_px = float(outline.std_px.max())
-    blur = outline.width_px / module_px
+    blur = float(outline.widths_px.mean()) / module_px
     checks = [
         (min(1.0, float(outline.contrast.min()) / _GOOD_CONTRAST), "low contrast"),
         (_or_doubt(2.0 * inliers - 0.8), covered),

@@ -1,8 +1,7 @@
 """A square marker by its whole code: every edge of every module says where it lies, which noise can hide less.
 
 Gauss-Newton, inverse compositional: Baker, Matthews, "Lucas-Kanade 20 years on", IJCV 56 (2004), section 3.2. What is
-costly depends on the marker and its blur alone, and is kept. A blur that is alike to both sides, such as that of a
-motion, moves nothing, though the template's is round.
+costly depends on the marker and its blur alone, and is kept.
 """
 
 from __future__ import annotations
@@ -27,14 +26,19 @@ _SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], np.float32)
 
 
 def align(
-    grey: NDArray[np.float32], corners: Floats, pattern: NDArray[np.bool_], density: int, blur_modules: float
+    grey: NDArray[np.float32],
+    corners: Floats,
+    pattern: NDArray[np.bool_],
+    density: int,
+    blur_modules: tuple[float, float],
 ) -> Floats | None:
     """Return the corners (4, 2) where a marker fits best, from near ones; None when it does not settle.
 
     pattern: (modules, modules), true where white, with the white ring and the black border; its first corner is
-    corners[0]. density: places compared per module, each way. blur_modules: standard deviation of the picture's blur.
+    corners[0]. density: places compared per module, each way. blur_modules: standard deviations of the
+    picture's blur along the marker's x and y.
     """
-    places, solver = _model(pattern.tobytes(), len(pattern), density, round(10.0 * blur_modules))
+    places, solver = _model(pattern.tobytes(), len(pattern), density, *(round(10.0 * b) for b in blur_modules))
     h = cv2.getPerspectiveTransform(_SQUARE, corners.astype(np.float32))
     n = math.isqrt(places.shape[1])
     for _ in range(_ITERATIONS):
@@ -57,7 +61,7 @@ def align(
 
 @lru_cache(maxsize=64)
 def _model(
-    pattern: bytes, modules: int, density: int, blur_tenths: int
+    pattern: bytes, modules: int, density: int, blur_x_tenths: int, blur_y_tenths: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return the places compared (3, n * n) in half sides, and what turns grey levels there into ten numbers.
 
@@ -66,7 +70,8 @@ def _model(
     """
     white = np.frombuffer(pattern, np.bool_).reshape(modules, modules).astype(np.float32)
     fine = np.kron(white, np.ones((_FINE, _FINE), np.float32))
-    fine = np.asarray(cv2.GaussianBlur(fine, (0, 0), max(0.1 * blur_tenths, 0.05) * _FINE), np.float32)
+    blur_x, blur_y = (max(0.1 * tenths, 0.05) * _FINE for tenths in (blur_x_tenths, blur_y_tenths))
+    fine = np.asarray(cv2.GaussianBlur(fine, (0, 0), blur_x, sigmaY=blur_y), np.float32)
     half = 0.5 * (modules - 2)
     at = np.arange(-half - _AROUND, half + _AROUND, 1.0 / density)
     at -= at.mean()
@@ -82,5 +87,6 @@ def _model(
     gu, gv, template = seen(right), seen(down), seen(fine)
     radial = -(gu * u + gv * v)
     columns = [template, np.ones_like(u), gu * u, gu * v, gu, gv * u, gv * v, gv, radial * u, radial * v]
-    solver = np.linalg.pinv(np.stack(columns, axis=1))
+    design = np.stack(columns)
+    solver = np.linalg.solve(design @ design.T, design)
     return np.stack([u, v, np.ones_like(u)]).astype(np.float32), solver.astype(np.float32)

@@ -144,7 +144,16 @@ class FakeVessel(Service):
         x_px, y_px = x * SCALE - 0.5, y * SCALE - 0.5
         quality = 0.0 if self.black else 0.93
         self.pose.publish(
-            m.CameraPose(frame=self.frame, x_px=x_px, y_px=y_px, x_m=x, y_m=y, psi_rad=psi, quality=quality)
+            m.CameraPose(
+                frame=self.frame,
+                x_px=x_px,
+                y_px=y_px,
+                x_m=x,
+                y_m=y,
+                psi_rad=psi,
+                quality=quality,
+                region_px=(round(x_px) - 80, round(y_px) - 80, round(x_px) + 80, round(y_px) + 80),
+            )
         )
         self.state.publish(
             m.NavigationState(

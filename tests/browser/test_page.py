@@ -42,6 +42,16 @@ CENTRE_OF_MARK = """pose => {
 }"""
 """Whether the mark drawn into the picture lies round the pose (its arrow reaches ahead)."""
 
+DASHES_OF_REGION = """pose => {
+  const canvas = document.querySelector("#camera");
+  const [left, top, right, bottom] = pose.region_px;
+  const { data } = canvas.getContext("2d").getImageData(left, top - 1, right - left, 3);
+  let green = 0;
+  for (let i = 0; i < data.length; i += 4) green += data[i + 1] > 180 && data[i] < 160;
+  return green > 40 && green < 3 * (right - left);
+}"""
+"""Whether the upper edge of the region where the tracker looked is drawn, dashed, into the picture."""
+
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
@@ -215,6 +225,7 @@ def test_every_field_is_in_the_table_with_its_unit_and_a_click_plots_it(page: Pa
 def test_the_camera_shows_the_picture_with_the_tracked_pose(page: Page, star: FakeStar) -> None:
     star.vessel.circles = False  # it stands still, so that picture and pose are of one place
     page.wait_for_function(f"({CENTRE_OF_MARK})(starboard.state.values['camera/pose'])")
+    page.wait_for_function(f"({DASHES_OF_REGION})(starboard.state.values['camera/pose'])")
     expect(page.locator("#camera-note")).to_contain_text("quality 0.93")
 
 

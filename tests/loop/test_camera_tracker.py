@@ -84,6 +84,11 @@ def test_a_pose_has_capture_time_metres_and_quality(scene: Scene) -> None:
     assert pose.psi_rad == pytest.approx(-2.0, abs=0.005)
     assert pose.quality > 0.9
     assert [p.frame for p in scene.poses] == [0, 1, 2]
+    assert pose.region_px is None, "the vessel was moved to where it could not be: found by a search"
+    scene.show(2.51, 1.25, -2.0)
+    left, top, right, bottom = scene.poses[-1].region_px or (0, 0, 0, 0)
+    assert left < scene.poses[-1].x_px < right <= left + 200
+    assert top < scene.poses[-1].y_px < bottom <= top + 200
     scene.show(frames=10)
     status = scene.statuses[-1]
     assert (status.state, status.error, status.frames_dropped) == ("tracking", "", 0)

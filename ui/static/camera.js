@@ -2,6 +2,9 @@
 
 import { age, fixed, text, DEG } from "./format.js";
 
+/** Good, good with a reason to look, in doubt: the tracker's own limits (camera_tracker/detectors/base.py). */
+const colourOf = (quality) => (quality >= 0.8 ? "#7dffb0" : quality >= 0.5 ? "#ffd166" : "#ff6b6b");
+
 export class CameraView {
   constructor(store, system) {
     Object.assign(this, { store, system });
@@ -26,7 +29,10 @@ export class CameraView {
     picture.close();
     this.shownAt = performance.now();
     const pose = this.poseOf(header.frame);
-    if (pose) this.drawPose(c, pose);
+    if (pose) {
+      this.drawRegion(c, pose);
+      this.drawPose(c, pose);
+    }
   }
 
   /** The pose of a frame out of the history of camera/pose; the nearest, if the page did not get that one. */
@@ -41,18 +47,36 @@ export class CameraView {
     const at = (path) => variable.series.get(path)?.[best];
     const inPicture = at("psi_image_rad"); // of a calibrated camera, which may look askew
     const psi_rad = Number.isFinite(inPicture) ? inPicture : at("psi_rad");
-    return { x_px: at("x_px"), y_px: at("y_px"), psi_rad, quality: at("quality") };
+    const region = [0, 1, 2, 3].map((i) => at(`region_px.${i}`));
+    return { x_px: at("x_px"), y_px: at("y_px"), psi_rad, quality: at("quality"), region };
+  }
+
+  /** Canvas px per px of the camera. */
+  scale() {
+    return this.canvas.width / (this.store.get("camera/status")?.width_px || this.system.camera.width_px);
+  }
+
+  /** Where the tracker looked; nothing when it searched the whole picture. */
+  drawRegion(c, { region, quality }) {
+    if (!region.every(Number.isFinite)) return;
+    const k = this.scale();
+    const [left, top, right, bottom] = region.map((v) => v * k);
+    c.save();
+    c.strokeStyle = colourOf(quality);
+    c.lineWidth = 1.5 * k;
+    c.setLineDash([8 * k, 6 * k]);
+    c.strokeRect(left, top, right - left, bottom - top);
+    c.restore();
   }
 
   drawPose(c, { x_px, y_px, psi_rad, quality }) {
-    const size = this.store.get("camera/status")?.width_px || this.system.camera.width_px;
-    const k = this.canvas.width / size;
+    const k = this.scale();
     const r = 0.5 * this.system.radius_m * this.system.camera.scale_px_per_m * k;
     c.save();
     c.translate((x_px + 0.5) * k, (y_px + 0.5) * k); // pixel centres are integers
     c.rotate(psi_rad);
     c.lineWidth = 3.5 * k;
-    c.strokeStyle = quality > 0.7 ? "#7dffb0" : quality > 0.3 ? "#ffd166" : "#ff6b6b";
+    c.strokeStyle = colourOf(quality);
     c.beginPath();
     c.moveTo(-r, 0);
     c.lineTo(2.6 * r, 0);
