@@ -5,7 +5,7 @@ import { toast } from "./toasts.js";
 
 const RENEW_MS = 1000;
 const ANSWER_MS = 1500;
-const NAMES = { stop: "stopped", manual: "manual", hold: "holding", experiment: "experiment" };
+const NAMES = { stop: "stopped", manual: "manual", hold: "holding", heading: "keeping heading", experiment: "experiment" };
 const ACCEPTED = { stop: "Stopped", manual: "You have the stick", experiment: "The experiment begins" };
 
 export class Helm {
@@ -30,7 +30,7 @@ export class Helm {
   /** Whether this page's stick acts. */
   get driving() {
     const state = this.state;
-    return this.link.open && state?.mode === "manual" && state.holder === this.link.client;
+    return this.link.open && ["manual", "heading"].includes(state?.mode) && state.holder === this.link.client;
   }
 
   stop() {
