@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 CODE   := bus marine services camera_tracker platform_link ui logs benchmarks tests starboard.py
 
-.PHONY: help setup up test check bench docs soak format lock chromium clean
+.PHONY: help setup up test check bench figures docs soak format lock chromium clean
 
 help:  ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -44,6 +44,9 @@ format: setup  ## let ruff mend what it can
 
 bench: setup  ## every benchmark, as JSON lines
 	$(BIN)/starboard bench all --json
+
+figures: setup  ## draw the figures of the thesis again, and those of the real ship, into figures/
+	$(BIN)/starboard figures --out figures
 
 docs: setup  ## draw the generated parts of docs/ again
 	$(BIN)/python -m services.generate

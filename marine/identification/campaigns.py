@@ -14,12 +14,12 @@ from math import radians
 import numpy as np
 from scipy.signal import savgol_filter
 
-from marine.identification import least_squares, step
+from marine.identification import harmonic, least_squares, step
 from marine.identification import paper_tables as printed
 from marine.identification.describing_function import relay
 from marine.identification.oscillation import Oscillation, measure, upward
 from marine.identification.relay_loop import RelayLoop
-from marine.identification.result import FloatArray, IdentificationError, Identified
+from marine.identification.result import Drag, FloatArray, IdentificationError, Identified
 from marine.identification.self_oscillation import marine_parameters
 from marine.identification.validation import mean_absolute_error, relative, simulate
 from marine.vessel import DegreeOfFreedom
@@ -29,6 +29,7 @@ OSCILLATIONS = 5
 SETTLING = 2
 """Oscillations that pass before the five."""
 
+_DRAGS: tuple[Drag, ...] = ("constant", "linear")
 _DEGREE = radians(1.0)
 ALPHA_R, BETA_R, BETA_RR = 1e-4 / _DEGREE, 1e-4 / _DEGREE, 1e-6 / _DEGREE**2
 """The units of Tables 7.7 to 7.11 in SI."""
@@ -49,8 +50,8 @@ Values = Mapping[str, float]
 class Trial:
     """One self-oscillation experiment, cut to its five oscillations, and what came out of it.
 
-    C in Nm (Charlie: rad of rudder), x_a in rad as set; eta in rad; found: by Table 6.3; squares: by least squares with
-    constant and with linear drag.
+    C in Nm (Charlie: rad of rudder), x_a in rad as set; eta in rad; found: by Table 6.3; squares, projected: by least
+    squares and by projection with constant and with linear drag.
     """
 
     C: float
@@ -60,7 +61,8 @@ class Trial:
     tau: FloatArray
     oscillation: Oscillation
     found: Values
-    squares: dict[str, Identified]
+    squares: dict[Drag, Identified]
+    projected: dict[Drag, Identified]
 
     @property
     def margin(self) -> float:
@@ -105,14 +107,15 @@ def relay_trials(loop: RelayLoop, runs: int, duration_s: float, *, seed: int, wi
             seen, _ = measure(*record)
         except IdentificationError:
             continue
-        squares = {
-            drag: least_squares.uncoupled(
+        squares: dict[Drag, Identified] = {}
+        projected: dict[Drag, Identified] = {}
+        for drag in _DRAGS:
+            squares[drag] = least_squares.uncoupled(
                 record[0], record[2], eta=record[1], drag=drag, window_s=window_s, delay_s=loop.delay_s
             )
-            for drag in ("constant", "linear")
-        }
+            projected[drag] = harmonic.project(*record, drag=drag, delay_s=loop.delay_s)
         found = marine_parameters(seen, loop.delay_s)
-        trials.append(Trial(float(C[k]), float(x_a[k]), *record, seen, found, squares))
+        trials.append(Trial(float(C[k]), float(x_a[k]), *record, seen, found, squares, projected))
     return trials
 
 
@@ -153,9 +156,7 @@ def automarine() -> tuple[Trial, ...]:
     """Return the 32 relay experiments of Table 7.11 (Fig. 7.11-7.17): C and x_a as printed, no tether, no delay."""
     pairs = [(1e-2 * C, radians(x_a)) for C, widths in AUTOMARINE_X_A.items() for x_a in widths]
     C, x_a = np.array(pairs).T
-    loop = RelayLoop(
-        AUTOMARINE, C, x_a, sample_time_s=ROV_SAMPLE_S, quantisation=COMPASS_RAD, noise=COMPASS_NOISE_RAD
-    )
+    loop = RelayLoop(AUTOMARINE, C, x_a, sample_time_s=ROV_SAMPLE_S, quantisation=COMPASS_RAD, noise=COMPASS_NOISE_RAD)
     return tuple(relay_trials(loop, len(pairs), 70.0, seed=74, window_s=None))
 
 
@@ -218,7 +219,9 @@ def average_error(dof: DegreeOfFreedom, sets: Sequence[Validation]) -> float:
     return float(np.mean(errors))
 
 
-def relative_errors(models: Sequence[DegreeOfFreedom], reference: DegreeOfFreedom, sets: Sequence[Validation]) -> list[float]:
+def relative_errors(
+    models: Sequence[DegreeOfFreedom], reference: DegreeOfFreedom, sets: Sequence[Validation]
+) -> list[float]:
     """Return (7.13) of each model: how much worse (positive) than the reference it predicts the records."""
     J_reference = average_error(reference, sets)
     return [relative(average_error(dof, sets), J_reference) for dof in models]
@@ -229,9 +232,9 @@ def experiments(trials: Sequence[Trial]) -> list[tuple[float, Values]]:
     return [(t.C, t.found) for t in trials]
 
 
-def least_squares_mean(trials: Sequence[Trial], drag: str, skip: float = 0.0) -> DegreeOfFreedom:
+def least_squares_mean(trials: Sequence[Trial], drag: Drag, skip: float = 0.0) -> DegreeOfFreedom:
     """Return the model of the mean parameters of least squares, (4.20) or (4.22), over trials with C > skip."""
-    used = [t.squares[drag] for t in trials if t.C > skip]
+    used = [t.squares[drag] for t in trials if skip < t.C]
     name = "beta" if drag == "constant" else "beta_quadratic"
     alpha, beta = (float(np.mean([one[n] for one in used])) for n in ("alpha", name))
     return DegreeOfFreedom(alpha, beta, 0.0) if drag == "constant" else DegreeOfFreedom(alpha, 0.0, beta)

@@ -1,7 +1,7 @@
-"""The campaign of thesis 7.5 again in simulation: Charlie's yaw, two days of 5 speeds x 4 rudder angles x 3 hystereses.
+"""The campaign of thesis 7.5 again in simulation: Charlie's yaw, two days of 5 speeds x 4 relays x 3 hystereses.
 
-Wind turns the vessel: its moment goes with V^2 sin 2(gamma - psi) and comes in gusts. Mean wind, gusts, their moment and
-the compass' noise are chosen (the thesis draws its wind without numbers), so that Day 1 is the windy one.
+Wind turns the vessel: its moment goes with V^2 sin 2(gamma - psi) and comes in gusts. Mean wind, gusts, their moment
+and the compass' noise are chosen (the thesis draws its wind without numbers), so that Day 1 is the windy one.
 """
 
 from __future__ import annotations

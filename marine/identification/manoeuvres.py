@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import pi, radians
 
 import numpy as np
@@ -106,7 +107,7 @@ def turning_circle(
         advance_m=_at(ahead, at_90),
         transfer_m=float(side) * _at(across, at_90),
         tactical_diameter_m=float(side) * _at(across, at_180),
-        steady_diameter_m=2.0 * U / abs(rate) if steady else nan,
+        steady_diameter_m=2.0 * U / abs(float(rate)) if steady else nan,
         time_90_s=_at(t, at_90) - rudder_s,
         time_180_s=_at(t, at_180) - rudder_s,
         approach_speed_m_s=float(speed[begun]),
@@ -184,7 +185,7 @@ def initial_turning_ability(
     rudder_s: float,
     change_rad: float = radians(10.0),
 ) -> float:
-    """Return the way in m from the rudder's first movement until the heading changed by change_rad (IMO: 10 degrees)."""
+    """Return the way in m from the first movement of the rudder until the heading changed (IMO: by 10 degrees)."""
     begun = int(np.searchsorted(t_s, rudder_s))
     turned = np.abs(psi_rad - psi_rad[begun])
     if np.max(turned[begun:]) < change_rad:
@@ -206,7 +207,7 @@ def direct_spiral(
     dt_s = sampled(t, "angular", nu=r, tau=rudder_rad)
     edges = np.concatenate([[0], np.flatnonzero(np.abs(np.diff(rudder_rad)) > 1e-6) + 1, [len(t)]])
     angles, rates = [], []
-    for begin, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+    for begin, end in pairwise(edges.tolist()):
         if (end - begin) * dt_s < hold_s:
             continue
         last = r[end - (end - begin) // 4 : end]
@@ -241,11 +242,11 @@ def _loop_width(rudder: FloatArray, r: FloatArray) -> float:
 
 
 def _slope_at_zero(rudder: FloatArray, r: FloatArray) -> float:
-    """Return dr/d(rudder) between the neighbours of r = 0; -inf where both have one rudder angle (a jump)."""
-    above, below = np.flatnonzero(r > 0.0), np.flatnonzero(r < 0.0)
-    high, low = above[np.argmin(r[above])], below[np.argmax(r[below])]
-    change = float(rudder[high] - rudder[low])
-    return float((r[high] - r[low]) / change) if change else -float("inf")
+    """Return dr/d(rudder) at r = 0: the straight line through the two slowest turns to either side."""
+    slowest = np.argsort(np.abs(r))
+    near = np.concatenate([slowest[r[slowest] > 0.0][:2], slowest[r[slowest] < 0.0][:2]])
+    line = float(np.polyfit(r[near], rudder[near], 1)[0])  # rudder over r: it has one value even where r jumps
+    return 1.0 / line if line else float("inf")
 
 
 def executes(rudder: FloatArray) -> list[int]:
@@ -256,7 +257,7 @@ def executes(rudder: FloatArray) -> list[int]:
     top = float(np.quantile(np.abs(rudder), 0.9))
     side = np.where(rudder > 0.8 * top, 1, np.where(rudder < -0.8 * top, -1, 0))
     edges = np.concatenate([[0], np.flatnonzero(np.diff(side)) + 1, [len(side)]])
-    held = [(int(k), int(end - k)) for k, end in zip(edges[:-1], edges[1:], strict=True) if side[k]]
+    held = [(int(k), int(end - k)) for k, end in pairwise(edges) if side[k]]
     longest = max((n for _, n in held), default=0)
     begun = [k for k, n in held if n >= 0.25 * longest]
     found: list[int] = []
@@ -276,9 +277,9 @@ def _along(x_m: FloatArray, y_m: FloatArray, psi_rad: float, origin: int) -> tup
 
 
 def _speed(x_m: FloatArray, y_m: FloatArray, dt_s: float, window_s: float) -> FloatArray:
-    """Return the speed in m/s from slopes of straight lines over a window: noise of positions is no speed."""
-    window = min(2 * max(1, round(0.5 * window_s / dt_s)) + 1, len(x_m) - 1 + len(x_m) % 2)
-    u, v = (savgol_filter(z, window, 1, deriv=1, delta=dt_s) for z in (x_m, y_m))
+    """Return the speed in m/s from slopes of cubics over a window: noise of positions is no speed."""
+    window = min(2 * max(2, round(0.5 * window_s / dt_s)) + 1, len(x_m) - 1 + len(x_m) % 2)
+    u, v = (savgol_filter(z, window, 3, deriv=1, delta=dt_s) for z in (x_m, y_m))
     out: FloatArray = np.hypot(u, v)
     return out
 

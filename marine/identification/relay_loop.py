@@ -19,10 +19,10 @@ from marine.vessel import DegreeOfFreedom
 class RelayLoop:
     """alpha nu' + beta(nu) nu = tau + delta, eta' = nu, tau = relay(reference - eta) after a delay.
 
-    C: relay output, x_a: hysteresis, delta: disturbance, each one value or one for every run, shape (runs,); disturbance:
-    what comes on top of delta, from time in s and eta (runs,), held for a sample; reference: of eta; sample_time_s: the
-    relay looks at eta (with quantisation and noise) once in this time and holds tau; delay_s: from relay to motion. An
-    infinite x_a never switches: a step of C.
+    C: relay output, x_a: hysteresis (infinite: a step of C), delta: disturbance, one value or one for every run, shape
+    (runs,). disturbance: what comes on top of delta, from time in s and eta (runs,), held for a sample. reference: of
+    eta; sample_time_s: the relay looks at eta (with quantisation and noise) once in this time and holds tau; delay_s:
+    from relay to motion.
     """
 
     vessel: DegreeOfFreedom

@@ -16,7 +16,7 @@ from marine.identification.manoeuvres import executes
 from marine.identification.oscillation import Oscillation
 from marine.identification.result import Drag, FloatArray, IdentificationError, Identified
 from marine.identification.self_oscillation import marine_parameters
-from marine.identification.validation import mean_absolute_error, model_of, simulate
+from marine.identification.validation import mean_absolute_error, simulate
 from marine.vessel import DegreeOfFreedom
 
 N_REFERENCE = 10.0
@@ -44,9 +44,7 @@ class ShipRun:
         """The part from the first execute on: before it the ship gathers way under a hand-steered rudder."""
         part = slice(executes(self.rudder_rad)[0], None)
         t_s = self.t_s[part] - self.t_s[part][0]
-        return ShipRun(
-            self.name, t_s, self.psi_rad[part], self.r_rad_s[part], self.rudder_rad[part], self.n_rps
-        )
+        return ShipRun(self.name, t_s, self.psi_rad[part], self.r_rad_s[part], self.rudder_rad[part], self.n_rps)
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class Line:
 
 
 def steady_propeller(
-    name: str, t_s: FloatArray, psi_rad: FloatArray, r_rad_s: FloatArray, rudder_rad: FloatArray, n_rps: FloatArray
+    name: str, *, t_s: FloatArray, psi_rad: FloatArray, r_rad_s: FloatArray, rudder_rad: FloatArray, n_rps: FloatArray
 ) -> ShipRun:
     """Return the longest part of a record in which the propeller is within 5 % of its largest speed, ahead."""
     on = np.concatenate([[False], n_rps >= 0.95 * np.max(n_rps), [False]])
@@ -129,6 +127,10 @@ METHODS: dict[str, tuple[tuple[Drag, ...], Estimate]] = {
     ),
     "zig-zag integrals": (
         ("constant",),
+        lambda run, _: _values(zigzag.integrals(run.t_s, run.psi_rad, run.moment, nu=run.r_rad_s)),
+    ),
+    "zig-zag integrals, Delta": (
+        ("constant",),
         lambda run, _: _values(zigzag.integrals(run.t_s, run.psi_rad, run.moment, nu=run.r_rad_s, disturbance=True)),
     ),
     "self-oscillation": (("constant", "linear"), _self_oscillation),
@@ -170,11 +172,9 @@ def _line(data: ShipRun, run: ShipRun, others: Sequence[ShipRun], method: str, d
         found = METHODS[method][1](data, drag)
     except IdentificationError as reason:
         return Line(run.name, method, drag, refused=str(reason))
-    beta = found["beta" if drag == "constant" else "beta_quadratic"]
+    beta, delta = found["beta" if drag == "constant" else "beta_quadratic"], found.get("delta", 0.0)
     dof = DegreeOfFreedom(found["alpha"], found.get("beta", 0.0), found.get("beta_quadratic", 0.0))
     if dof.alpha <= 0.0 or beta <= 0.0:
-        return Line(run.name, method, drag, found["alpha"], beta, found["delta"], refused="no physical parameters")
-    J = [misfit(other, dof, found["delta"]) for other in others]
-    return Line(
-        run.name, method, drag, found["alpha"], beta, found["delta"], misfit(run, dof, found["delta"]), float(np.mean(J))
-    )
+        return Line(run.name, method, drag, found["alpha"], beta, delta, refused="no physical parameters")
+    J = [misfit(other, dof, delta) for other in others]
+    return Line(run.name, method, drag, dof.alpha, beta, delta, misfit(run, dof, delta), float(np.mean(J)))

@@ -38,6 +38,7 @@ COMMANDS = {
     "simulate": "services.cli.simulate:simulate",
     "tune": "services.cli.tune:tune",
     "bench": "services.cli.bench:bench",
+    "figures": "services.cli.figures:figures",
 }
 GROUPS = {
     "identify": "services.cli.identify:app",

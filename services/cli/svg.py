@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
+from textwrap import wrap
 
 from services.cli.errors import CliError
 
@@ -14,6 +15,8 @@ COLOURS = ("#1f6fb2", "#c4471f", "#2d8a4e", "#7a4fa3", "#8a6d1f")
 _WIDTH, _HEIGHT = 460, 360
 _LEFT, _RIGHT, _TOP, _BOTTOM = 64, 16, 34, 48
 _TICKS = 6
+_LETTER, _LINE = 7, 17
+"""Width of a letter (on the safe side) and height of a line of the caption, px."""
 
 Series = Sequence[float]
 
@@ -64,27 +67,33 @@ class Chart:
         parts.append(_text((_LEFT + right) / 2, _HEIGHT - 10, self.x_label, "middle"))
         middle = (_TOP + bottom) / 2
         parts.append(f'<g transform="rotate(-90 14 {middle})">{_text(14, middle, self.y_label, "middle")}</g>')
+        legend: list[str] = []
         for number, (kind, xs, ys, label) in enumerate(self._layers):
             colour = COLOURS[number % len(COLOURS)]
             pairs = [(place_x(x), place_y(y)) for x, y in zip(xs, ys, strict=True)]
             parts.append(_shape(kind, pairs, colour))
             if label:
                 at = _TOP + 16 + 16 * number
-                parts.append(f'<rect x="{_LEFT + 8}" y="{at - 9}" width="10" height="10" fill="{colour}"/>')
-                parts.append(_text(_LEFT + 24, at, label, "start"))
-        return "\n".join([*parts, "</g>"])
+                around = f'width="{24 + _LETTER * len(label)}" height="16" fill="white" fill-opacity="0.75"'
+                legend.append(f'<rect x="{_LEFT + 4}" y="{at - 12}" {around}/>')
+                legend.append(f'<rect x="{_LEFT + 8}" y="{at - 9}" width="10" height="10" fill="{colour}"/>')
+                legend.append(_text(_LEFT + 24, at, label, "start"))
+        return "\n".join([*parts, *legend, "</g>"])
 
 
-def write(path: Path, charts: Sequence[Chart]) -> None:
-    """Write charts side by side; raise CliError when the file is no .svg or cannot be written."""
+def write(path: Path, charts: Sequence[Chart], caption: str = "") -> None:
+    """Write charts side by side over a caption; raise CliError when the file is no .svg or cannot be written."""
     if path.suffix != ".svg":
         raise CliError(f"{path}: plots are written as SVG; give a name ending in .svg")
     width = _WIDTH * len(charts)
+    lines = wrap(caption, width // _LETTER)
+    height = _HEIGHT + _LINE * len(lines)
     head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{_HEIGHT}" viewBox="0 0 {width} {_HEIGHT}" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" viewBox="0 0 {width} {height}" '
         'font-family="sans-serif" font-size="12">\n<rect width="100%" height="100%" fill="white"/>'
     )
     body = [chart.svg(_WIDTH * number) for number, chart in enumerate(charts)]
+    body += [_text(12, _HEIGHT + 6 + _LINE * number, line, "start") for number, line in enumerate(lines)]
     try:
         path.write_text("\n".join([head, *body, "</svg>\n"]), encoding="utf-8")
     except OSError as error:

@@ -1,0 +1,63 @@
+"""`starboard figures`: every figure is drawn, with units on its axes and a caption."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from services.cli.errors import CliError
+from services.cli.figures import FIGURES, draw, figures
+from services.cli.figures_ship import DATA
+
+app = typer.Typer()
+app.command()(figures)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_every_figure_can_be_drawn(name: str) -> None:
+    if FIGURES[name].group == "ship" and not DATA.is_dir():
+        pytest.skip(f"no ship data in {DATA}")
+    figure = draw(name)
+    assert len(figure.caption) > 60
+    assert figure.caption.endswith(".")
+    for chart in figure.charts:
+        assert chart.title
+        assert chart.x_label
+        assert chart.y_label
+        ET.fromstring(chart.svg())
+        assert "nan" not in chart.svg()
+
+
+def test_all_figures_of_chapter_7_that_the_issue_names_are_there() -> None:
+    missing = {f"7.{k}" for k in range(1, 32)} | {"6.3", "example-6.1"} | {f"example-7.{k}" for k in (1, 2, 3)}
+    assert not missing - set(FIGURES)
+
+
+def test_files_and_captions_are_written(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["7.6", "7.12", "--out", str(tmp_path / "new")])
+    assert result.exit_code == 0
+    assert "Table 7.9" in result.stdout
+    assert sorted(p.name for p in (tmp_path / "new").iterdir()) == ["7.12.svg", "7.6.svg"]
+    text = " ".join(t.text or "" for t in ET.parse(tmp_path / "new/7.6.svg").getroot().iter() if t.tag.endswith("text"))
+    assert "difference of steady states (7.7), deg/s" in text
+    assert "Largest: 17.1 printed" in text
+
+
+def test_list_names_groups_and_titles() -> None:
+    out = CliRunner().invoke(app, ["--list"]).stdout
+    assert len(out.splitlines()) == len(FIGURES)
+    assert "7.26         charlie" in out
+
+
+def test_what_is_unknown_or_missing_is_one_line(tmp_path: Path) -> None:
+    unknown = CliRunner().invoke(app, ["7.99", "--out", str(tmp_path)])
+    assert isinstance(unknown.exception, CliError)
+    assert "7.99" in str(unknown.exception)
+    missing = CliRunner().invoke(app, ["ship", "--out", str(tmp_path), "--data", str(tmp_path)])
+    assert isinstance(missing.exception, CliError)
+    assert "--data" in str(missing.exception)
+    assert not list(tmp_path.iterdir())
