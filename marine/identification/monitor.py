@@ -1,4 +1,4 @@
-"""Monitoring of a running self-oscillation: half periods, extrema, the last n oscillations; thesis 6.7 and Fig. 6.11."""
+"""Monitoring of a running self-oscillation: half periods, extrema, the last n oscillations; thesis 6.7, Fig. 6.11."""
 
 from __future__ import annotations
 
