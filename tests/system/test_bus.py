@@ -8,6 +8,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
+from functools import partial
 
 import psutil
 import pytest
@@ -98,7 +99,7 @@ def test_last_values_outlive_every_hub_in_turn(pair: HubPair) -> None:
     for name in (*pair.names, pair.names[0]):
         pair.kill(name)
         late = pair.client()
-        wait_for(lambda late=late: kept(late), 5.0, f"a late joiner gets it without {name}")
+        wait_for(partial(kept, late), 5.0, f"a late joiner gets it without {name}")
         restarted_ns = time.time_ns()
         pair.start(name)
         pair.wait_until_up(name)
