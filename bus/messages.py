@@ -23,6 +23,8 @@ PoseCovariance = tuple[float, float, float, float, float, float]
 Mode = Literal["stop", "manual", "hold", "heading", "depth", "speed", "line", "path", "distance", "experiment"]
 AXES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """The six components of state and wrench, in the order of SNAME."""
+WRENCH_FIELDS = ("surge_n", "sway_n", "heave_n", "roll_nm", "pitch_nm", "yaw_nm")
+"""The fields of a wrench, in the same order."""
 
 
 _HEADER = frozenset({"stamp_ns", "seq", "source"})

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from bus import topics
 from bus.config import ConfigError, Section
-from bus.messages import AXES, ActuatorCommand, AttainedWrench, HelmWrench, Wrench
+from bus.messages import AXES, WRENCH_FIELDS, ActuatorCommand, AttainedWrench, HelmWrench, Wrench
 from bus.service import Input, Output, Service
 from marine.allocation import vessel_allocation
 from marine.vessel import Vessel
@@ -18,7 +18,6 @@ from marine.vessel import Vessel
 _NEGLIGIBLE = 1e-6
 """Part of an axis' reach below which a difference is the solver's and not a limit's."""
 
-_FIELDS = ("surge_n", "sway_n", "heave_n", "roll_nm", "pitch_nm", "yaw_nm")
 
 AxisName = Literal["surge", "sway", "heave", "roll", "pitch", "yaw"]
 
@@ -93,10 +92,10 @@ class Allocator(Service):
         errors = ((abs(answer.attained[axis] - tau[axis]), allocation.reach[axis]) for axis in allocation.axes)
         ignored = any(wanted for axis, wanted in enumerate(tau) if axis not in allocation.axes)
         limited = ignored or any(error > _NEGLIGIBLE * reach for error, reach in errors)
-        demanded = {field: getattr(wrench, field) for field in _FIELDS}
+        demanded = {field: getattr(wrench, field) for field in WRENCH_FIELDS}
         given = {
             field: value
-            for axis, (field, value) in enumerate(zip(_FIELDS, answer.attained, strict=True))
+            for axis, (field, value) in enumerate(zip(WRENCH_FIELDS, answer.attained, strict=True))
             if axis in allocation.axes or demanded[field] is not None
         }
         self.attained.publish(
@@ -110,12 +109,12 @@ class Allocator(Service):
 
     def _stop_actuators(self) -> None:
         self._publish(self._allocation.stop(), 0.0, None)
-        self.attained.publish(AttainedWrench(**{_FIELDS[axis]: 0.0 for axis in self._allocation.axes}))
+        self.attained.publish(AttainedWrench(**{WRENCH_FIELDS[axis]: 0.0 for axis in self._allocation.axes}))
 
     def _publish(self, commands: Sequence[float], U: float, origin_ns: int | None) -> None:
         self.command.publish(
             ActuatorCommand(origin_ns=origin_ns, commands=dict(zip(self._names, commands, strict=True)))
         )
         given = self._allocation.delivered(commands, U)
-        acting = {_FIELDS[axis]: given[axis] for axis in self._allocation.acting}
+        acting = {WRENCH_FIELDS[axis]: given[axis] for axis in self._allocation.acting}
         self.delivered.publish(Wrench(origin_ns=origin_ns, **acting))

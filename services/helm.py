@@ -12,6 +12,7 @@ from bus import topics
 from bus.clock import NS
 from bus.config import Section
 from bus.messages import (
+    WRENCH_FIELDS,
     ExperimentPlan,
     HelmAnswer,
     HelmState,
@@ -318,7 +319,7 @@ class Helm(Service):
         return state, ""
 
     def _pass_on(self, wrench: Wrench, state: NavigationState | None) -> None:
-        content = wrench.model_dump(include=set(_COMPONENTS))
+        content = wrench.model_dump(include=set(WRENCH_FIELDS))
         speed_m_s = _speed_m_s(state)
         self.wrench.publish(HelmWrench(mode=self._mode, origin_ns=wrench.origin_ns, speed_m_s=speed_m_s, **content))
 
@@ -383,6 +384,3 @@ class Helm(Service):
 
 def _speed_m_s(state: NavigationState | None) -> float | None:
     return math.hypot(state.surge_m_s, state.sway_m_s) if state else None
-
-
-_COMPONENTS = ("surge_n", "sway_n", "heave_n", "roll_nm", "pitch_nm", "yaw_nm")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from bus.messages import WRENCH_FIELDS
 from services.cli.errors import CliError
 from services.cli.options import Json
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from services.simulator.manoeuvre import Demand, Given, Track
 
 KINDS = ("step", "zigzag", "turning-circle")
-WRENCH = ("surge_n", "sway_n", "heave_n", "roll_nm", "pitch_nm", "yaw_nm")
 _UNITS = {"_rad_s": ("deg/s", 180.0 / math.pi), "_rad": ("deg", 180.0 / math.pi), "_m_s": ("m/s", 1.0)}
 
 
@@ -123,19 +123,19 @@ def _from_file(vessel: Vessel, path: Path) -> tuple[Demand | None, Given | None]
     names, actuators = set(rows[0]), {a.name for a in vessel.actuators}
     if names <= actuators:
         return None, held(times, rows)
-    if names <= set(WRENCH):
+    if names <= set(WRENCH_FIELDS):
         wrench = held(times, rows)
 
         def demand(t_s: float, _psi: float) -> tuple[float, float, float, float, float, float]:
             row = wrench(t_s)
-            X, Y, Z, K, M, N = (row.get(name, 0.0) for name in WRENCH)
+            X, Y, Z, K, M, N = (row.get(name, 0.0) for name in WRENCH_FIELDS)
             return X, Y, Z, K, M, N
 
         return demand, None
-    unknown = sorted(names - actuators - set(WRENCH)) or sorted(names)
+    unknown = sorted(names - actuators - set(WRENCH_FIELDS)) or sorted(names)
     raise CliError(
         f"{path}: column {unknown[0]}: give either actuators of {vessel.name} ({', '.join(sorted(actuators))}) "
-        f"or components of the wrench ({', '.join(WRENCH)})"
+        f"or components of the wrench ({', '.join(WRENCH_FIELDS)})"
     )
 
 
