@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import inspect
 import itertools
 import math
 import typing
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from bus import topics
 from bus.config import Deployment
@@ -43,11 +44,24 @@ class Star:
     """The bus, and what an operator and an observer do with it.
 
     sections: configuration by service name, as in a TOML file: `Star(simulator={"current_x_m_s": 0.0})`.
+    unknown: fields of the vessel that are different in the simulator, and that nobody else knows.
     """
 
-    def __init__(self, *, json: bool = False, vessel: str = "pladypos", **sections: dict[str, Any]) -> None:
+    kinds: ClassVar[tuple[type[Service], ...]] = SERVICES
+
+    def __init__(
+        self,
+        *,
+        json: bool = False,
+        vessel: str = "pladypos",
+        deployment: Deployment = Deployment(run_dir=Path("/nonexistent")),  # noqa: B008 - frozen
+        unknown: dict[str, Any] | None = None,
+        **sections: dict[str, Any],
+    ) -> None:
         self.bus = MemoryBus(json=json)
         self.vessel = load_vessel(vessel)
+        self._deployment = deployment
+        self._world = dataclasses.replace(self.vessel, **(unknown or {}))
         self.truth: list[SimulationTruth] = []
         """Every simulation/truth so far."""
         self._answers: list[HelmAnswer] = []
@@ -61,16 +75,17 @@ class Star:
         self.bus.tap(topics.SIMULATION_TRUTH, self.truth.append)
         self.bus.tap(topics.HELM_ANSWER, self._answers.append)
         absent = {p.name for p in PROCESSES if not p.fits(self.vessel)}
-        for kind in SERVICES:
+        for kind in self.kinds:
             if kind.name not in absent:
                 self.start(kind.name)
 
     def start(self, name: str) -> None:
         """Start a service, in place of one of the same name: what a supervisor does."""
-        kind = next(k for k in SERVICES if k.name == name)
+        kind = next(k for k in self.kinds if k.name == name)
         wanted = inspect.signature(kind.__init__).parameters
         config = typing.get_type_hints(kind.__init__).get("config")
-        given: dict[str, Any] = {"vessel": self.vessel, "deployment": Deployment(run_dir=Path("/nonexistent"))}
+        vessel = self._world if name == "simulator" else self.vessel
+        given: dict[str, Any] = {"vessel": vessel, "deployment": self._deployment}
         if config is not None:
             given["config"] = config(**self._sections.get(name, {}))
         self.bus.add(kind(**{key: value for key, value in given.items() if key in wanted}))

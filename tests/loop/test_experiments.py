@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -36,13 +35,11 @@ def star_with_experiments(
     folder: Path, seed: int = 1, moment: float = 0.0, delay_s: float = POLL_S, simulator: dict[str, Any] | None = None
 ) -> harness.Star:
     """Return a star on calm water that tracks, with a constant yaw moment as a part of the largest."""
-    star = harness.Star(simulator={"seed": seed, **CALM, **(simulator or {})}, camera_tracker={"seed": seed})
-    if moment:
-        known = star.vessel
-        star.vessel = dataclasses.replace(known, bias=(0.0, 0.0, 0.0, 0.0, 0.0, moment * axis_limits(known)[5]))
-        star.start("simulator")
-        star.start("platform_link")
-        star.vessel = known
+    star = harness.Star(
+        simulator={"seed": seed, **CALM, **(simulator or {})},
+        camera_tracker={"seed": seed},
+        unknown={"bias": (0.0, 0.0, 0.0, 0.0, 0.0, moment * axis_limits(load_vessel("pladypos"))[5])},
+    )
     star.bus.add(experiments(star, folder, delay_s))
     star.bus.run_until(
         lambda: (s := star.bus.last(topics.NAVIGATION_STATE)) is not None and s.status == "tracking", 5.0
