@@ -79,8 +79,8 @@ class PoseEkf:
         self._suspects = 0
         self._suspect_age_s = 0.0
 
-    def predict(self, dt_s: float, tau: Tau) -> None:
-        """Go forward by dt_s (at most some 0.1 s) with the wrench tau in {B}."""
+    def predict(self, dt_s: float, tau: Tau) -> Array:
+        """Go forward by dt_s (at most some 0.1 s) with the wrench tau in {B}; return the transition matrix (9, 9)."""
         before = self.state
         x, y, psi, u, v, r = after = self._dynamics.step(before, dt_s, tau, disturbance=self.disturbance)
         middle = (x, y, 0.5 * (before[2] + psi), 0.5 * (before[3] + u), 0.5 * (before[4] + v), 0.5 * (before[5] + r))
@@ -88,6 +88,7 @@ class PoseEkf:
         self.state = (x, y, wrap_angle(psi), u, v, after[5])
         self.covariance = F @ self.covariance @ F.T + self._walk * dt_s
         self._suspect_age_s += dt_s
+        return F
 
     def _transition(self, state: State, dt_s: float) -> Array:
         """Return I + A dt, (9, 9), A being the derivative of the model by the state."""
