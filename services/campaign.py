@@ -12,7 +12,15 @@ from typing import Literal, Protocol
 from pydantic import Field
 
 from bus.config import Section
-from bus.messages import ExperimentAxis, ExperimentName, ExperimentPlan, ExperimentResult, ExperimentStatus
+from bus.messages import (
+    ExperimentAxis,
+    ExperimentName,
+    ExperimentPlan,
+    ExperimentResult,
+    ExperimentStatus,
+    NavigationState,
+)
+from marine.frames import wrap_angle
 
 
 class Place(Section):
@@ -21,6 +29,11 @@ class Place(Section):
     x_m: float
     y_m: float
     psi_deg: float = 0.0
+
+    @property
+    def psi_rad(self) -> float:
+        """The heading in rad."""
+        return math.radians(self.psi_deg)
 
 
 class CampaignFile(Section):
@@ -37,7 +50,8 @@ class CampaignFile(Section):
     duration_s: float | None = None
     start: Place = Field(description="where runs with direction 1 start")
     start_back: Place | None = Field(None, description="where runs with direction -1 start; none: the same place")
-    near_m: float = Field(0.05, gt=0, description="so near to the start, and")
+    near_m: float = Field(0.05, gt=0, description="so near to the start,")
+    near_deg: float = Field(3.0, gt=0, description="so near to its heading, and")
     calm_m_s: float = Field(0.01, gt=0, description="so slow, turning included (rad/s x 0.3 m),")
     calm_s: float = Field(3.0, ge=0, description="for so long before each run")
     patience_s: float = Field(120.0, gt=0, description="longest wait for that")
@@ -69,6 +83,14 @@ class Pilot(Protocol):
 
     def run(self, plan: ExperimentPlan) -> tuple[ExperimentStatus, ExperimentResult | None]:
         """Run an experiment to its end."""
+
+
+def at_rest(state: NavigationState, place: Place, campaign: CampaignFile) -> bool:
+    """Whether the vessel is at a place, turned as wanted, and slow."""
+    away_m = math.hypot(state.x_m - place.x_m, state.y_m - place.y_m)
+    turned_deg = math.degrees(abs(wrap_angle(state.psi_rad - place.psi_rad)))
+    speed_m_s = math.hypot(state.surge_m_s, state.sway_m_s) + 0.3 * abs(state.yaw_rad_s)
+    return away_m <= campaign.near_m and turned_deg <= campaign.near_deg and speed_m_s <= campaign.calm_m_s
 
 
 @dataclass

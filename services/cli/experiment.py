@@ -159,7 +159,9 @@ class BusPilot:
 
     def rest_at(self, place: Place, campaign: CampaignFile) -> None:
         """Hold the place and wait for calm."""
-        self.ask(mode="hold", x_m=place.x_m, y_m=place.y_m, psi_rad=math.radians(place.psi_deg))
+        from services.campaign import at_rest
+
+        self.ask(mode="hold", x_m=place.x_m, y_m=place.y_m, psi_rad=place.psi_rad)
         end_s = time.monotonic() + campaign.patience_s
         calm_since_s = math.inf
         while time.monotonic() - calm_since_s < campaign.calm_s:
@@ -172,13 +174,6 @@ class BusPilot:
                 calm_since_s = time.monotonic()
             if time.monotonic() > end_s:
                 raise CliError(f"no calm at x {place.x_m}, y {place.y_m} within {campaign.patience_s:.0f} s")
-
-
-def at_rest(state: NavigationState, place: Place, campaign: CampaignFile) -> bool:
-    """Whether the vessel is at a place, and slow."""
-    away_m = math.hypot(state.x_m - place.x_m, state.y_m - place.y_m)
-    speed_m_s = math.hypot(state.surge_m_s, state.sway_m_s) + 0.3 * abs(state.yaw_rad_s)
-    return away_m <= campaign.near_m and speed_m_s <= campaign.calm_m_s
 
 
 def progress_line(status: ExperimentStatus) -> str:

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.campaigns.star import MemoryPilot
 from bus import topics
 from bus.config import Deployment
 from bus.messages import ExperimentPlan, ExperimentResult, ExperimentStatus
 from marine.allocation import axis_limits
 from services.campaign import CampaignFile, Place, Results, drive, summary
-from services.cli.experiment import at_rest
 from services.experiment import ExperimentConfig, Experiments
 from services.vessels import VESSELS_DIR, load_vessel
 from tests import star as harness
@@ -47,21 +47,9 @@ def star_with_experiments(
     return star
 
 
-def run(star: harness.Star, timeout_s: float = 200.0, **plan: Any) -> tuple[ExperimentStatus, ExperimentResult | None]:
+def run(star: harness.Star, **plan: Any) -> tuple[ExperimentStatus, ExperimentResult | None]:
     """Run an experiment to its end; return its last status and its result."""
-    answer = star.request("experiment", experiment=ExperimentPlan(**plan))
-    assert answer.accepted, answer.reason
-    before = star.bus.last(topics.EXPERIMENT_RESULT)
-
-    def ended() -> bool:
-        status = star.bus.last(topics.EXPERIMENT_STATUS)
-        return status is not None and status.run == answer.request_id and status.state in ("done", "failed")
-
-    star.bus.run_until(ended, timeout_s)
-    status = star.bus.last(topics.EXPERIMENT_STATUS)
-    result = star.bus.last(topics.EXPERIMENT_RESULT)
-    assert status is not None
-    return status, result if result is not before else None
+    return MemoryPilot(star).run(ExperimentPlan(**plan))
 
 
 def error(result: ExperimentResult, axis: str, method: int = 0) -> tuple[float, float]:
@@ -234,27 +222,6 @@ def test_the_axis_is_given_back_without_a_jump(tmp_path: Path) -> None:
     distance_m, angle_rad = star.rms_error(helm.x_m, helm.y_m, helm.psi_rad, star.bus.now_s - 5.0)
     assert distance_m < 0.01
     assert angle_rad < 0.02
-
-
-class MemoryPilot:
-    """A campaign's hands on a MemoryBus."""
-
-    def __init__(self, star: harness.Star) -> None:
-        self.star = star
-        self.runs = 0
-
-    def rest_at(self, place: Place, campaign: CampaignFile) -> None:
-        self.star.hold(place.x_m, place.y_m)
-
-        def calm() -> bool:
-            state = self.star.bus.last(topics.NAVIGATION_STATE)
-            return state is not None and at_rest(state, place, campaign)
-
-        self.star.bus.run_until(calm, campaign.patience_s)
-
-    def run(self, plan: ExperimentPlan) -> tuple[ExperimentStatus, ExperimentResult | None]:
-        self.runs += 1
-        return run(self.star, **plan.model_dump())
 
 
 def test_a_campaign_goes_on_after_a_break_and_tells_mean_and_deviation(tmp_path: Path) -> None:
