@@ -259,6 +259,17 @@ class ControlStatus(Message):
     integral_y_n: float | None = None
     integral_yaw_nm: float | None = None
     saturated: bool = False
+    error_z_m: float | None = Field(None, description="of a depth that is held")
+    error_speed_m_s: float | None = Field(None, description="of a speed that is held, ahead")
+    request_id: Name = Field("", description="request of helm/state that all this is about")
+    reference_x_m: float | None = Field(None, description="where the vessel shall be now: on a path it moves")
+    reference_y_m: float | None = None
+    reference_psi_rad: float | None = None
+    leg: Count | None = Field(None, description="of a path: that of way-points leg and leg + 1, from 0")
+    along_m: float | None = Field(None, description="way along the path so far; negative: on the way to its beginning")
+    length_m: float | None = Field(None, description="of the path")
+    cross_track_m: float | None = Field(None, description="distance from the path, positive to starboard of it")
+    arrived: bool = Field(False, description="the vessel is at the path's end")
 
 
 class AttainedWrench(Wrench):
@@ -318,6 +329,18 @@ class ExperimentPlan(BaseModel):
         return self.hysteresis_rad if self.axis == "yaw" else self.hysteresis_m
 
 
+class WayPoint(BaseModel):
+    """A place in {E}."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, json_schema_extra=_state_units)
+
+    x_m: float
+    y_m: float
+
+
+WayPoints = Annotated[tuple[WayPoint, ...], Field(max_length=100)]
+
+
 class OperatorRequest(Message):
     """A wish of an operator, answered on helm/answer. `mode` also takes the lease for `lease_s`.
 
@@ -331,7 +354,11 @@ class OperatorRequest(Message):
     mode: Mode | None = None
     x_m: float | None = None
     y_m: float | None = None
-    psi_rad: float | None = None
+    psi_rad: float | None = Field(None, description="modes line, path: heading on the way; none: along the path")
+    z_m: float | None = Field(None, description="depth; none: that of now, where the vessel can keep one")
+    speed_m_s: float | None = Field(None, description="mode speed: ahead; line, path: along it, none: half of the top")
+    points: WayPoints = Field((), description="modes line (two of them), path")
+    smooth: bool = Field(False, description="mode path: a spline through the way-points instead of straight legs")
     experiment: ExperimentPlan | None = Field(None, description="mode experiment: which; its run is the request_id")
     lease_s: float = Field(3.0, gt=0.0, le=86400.0)
     attended: bool = True
@@ -357,6 +384,12 @@ class HelmState(Message):
     x_m: float | None = None
     y_m: float | None = None
     psi_rad: float | None = None
+    z_m: float | None = Field(None, description="depth that is kept")
+    speed_m_s: float | None = Field(None, description="mode speed: ahead; line, path: along it")
+    points: WayPoints = ()
+    smooth: bool = Field(False, description="a spline through the way-points instead of straight legs")
+    request_id: Name = Field("", description="request that mode and reference come from")
+    guard: Text = Field("", description="why the guard changes the wrench: a wall; empty: it does not")
     sources: dict[Name, Literal["manual", "controller", "experiment"]] = Field(
         default_factory=dict, description="axis -> who has it"
     )
