@@ -142,6 +142,49 @@ def split_image(payload: bytes) -> tuple[bytes, bytes]:
     return payload[4:end], payload[end:]
 
 
+class CalibrationRequest(Message):
+    """Request to the calibration of the camera, from any client. `poke operator/calibration action=start`."""
+
+    action: Literal["start", "automatic", "capture", "undo", "solve", "save", "cancel"]
+    board: Literal["charuco", "chessboard"] = Field("charuco", description="start: what `print-board` prints, or plain")
+    columns: int = Field(9, ge=3, le=50, description="start: squares; of a chessboard inner corners")
+    rows: int = Field(6, ge=3, le=50)
+    square_m: float = Field(0.03, gt=0.0, description="start: side of a square, measured on the print")
+    automatic: bool = Field(True, description="start, automatic: take views without being asked")
+
+
+class CalibrationView(BaseModel):
+    """One view of the board that was taken."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    name: Name
+    tilt: Name = Field(description="which edge of the board is nearer to the camera: flat, left, right, top, bottom")
+    error_px: float | None = Field(None, description="reprojection error, once there are enough views")
+
+
+class CalibrationState(Message):
+    """How the calibration of the camera goes: at each picture examined, otherwise once a second."""
+
+    state: Literal["idle", "collecting", "solved", "saved"] = "idle"
+    board: Text = ""
+    automatic: bool = True
+    frame: Count = Field(0, description="the picture examined last")
+    width_px: Count = 0
+    height_px: Count = 0
+    corners_px: tuple[float, ...] = Field((), description="x, y of each corner of the board in it; none: not seen")
+    hint: Text = Field("", description="what to do next")
+    refused: Text = Field("", description="why the last request could not be followed")
+    views: tuple[CalibrationView, ...] = ()
+    coverage: tuple[Count, ...] = Field((), description="corners taken in each of 3 x 3 parts, row by row")
+    missing: tuple[Name, ...] = Field((), description="parts and tilts of which more is wanted, the next one first")
+    rms_px: float | None = Field(None, description="reprojection error of all views")
+    focal_px: float | None = None
+    focal_std_px: float | None = None
+    advice: tuple[Text, ...] = Field((), description="what would make the result better, or why there is none")
+    file: Text = Field("", description="where the result was saved")
+
+
 # --- navigation -------------------------------------------------------------------------------------------------
 
 
@@ -584,6 +627,7 @@ class SimulationFault(Message):
         "thruster_dead",
         "current",
         "dropout",
+        "board",
         "displace",
         "clear",
     ]

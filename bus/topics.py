@@ -55,6 +55,9 @@ class Topic(Generic[M_co]):
 CAMERA_POSE = Topic("camera/pose", m.CameraPose, "camera_tracker", "Pose of the marker in each frame.", 30.0)
 CAMERA_STATUS = Topic("camera/status", m.CameraStatus, "camera_tracker", "State of camera and tracker.", 1.0)
 CAMERA_IMAGE = Topic("camera/image", m.CameraImage, "camera_tracker", "Picture as JPEG.", 5.0, Qos.IMAGE)
+CAMERA_CALIBRATION = Topic(
+    "camera/calibration", m.CalibrationState, "camera_calibration", "How the calibration of the lens goes.", 1.0
+)
 
 SENSOR_POSITION = Topic("sensor/position", m.SensorPosition, "sensors", "Measured position, where no camera sees it.")
 SENSOR_COMPASS = Topic("sensor/compass", m.SensorCompass, "sensors", "Measured heading.")
@@ -84,6 +87,9 @@ EXPERIMENT_RESULT = Topic(
 
 OPERATOR_JOYSTICK = Topic("operator/joystick", m.OperatorJoystick, OPERATOR, "Stick positions.", 20.0, Qos.COMMAND)
 OPERATOR_REQUEST = Topic("operator/request", m.OperatorRequest, OPERATOR, "Requests to the helm.", None, Qos.REQUEST)
+OPERATOR_CALIBRATION = Topic(
+    "operator/calibration", m.CalibrationRequest, OPERATOR, "Requests to the camera's calibration.", None, Qos.REQUEST
+)
 
 ACTUATOR_COMMAND = Topic(
     "actuator/command", m.ActuatorCommand, "allocator", "Command of each actuator.", 30.0, Qos.COMMAND

@@ -40,7 +40,14 @@ Row = Annotated[tuple[float, ...], Field(min_length=LENS_PARAMETERS, max_length=
 
 
 class CalibrationError(ValueError):
-    """Pictures or points that give no trustworthy calibration; one line with the reason and what to do."""
+    """Pictures or points that give no trustworthy calibration; one line with the reason and what to do.
+
+    `views_px`: reprojection error of each view in px, where they could be explained at all.
+    """
+
+    def __init__(self, reason: str, views_px: dict[str, float] | None = None) -> None:
+        super().__init__(reason)
+        self.views_px = views_px or {}
 
 
 class Lens(Section):
@@ -199,35 +206,49 @@ def _refuse_bad(solved: _Solved, views: Sequence[View]) -> None:
     if tilt_deg < MIN_TILT_DEG:
         raise CalibrationError(
             f"the board lies almost alike in all pictures (tilted by {tilt_deg:.0f} deg at most): tilt it by 20 to"
-            " 40 deg to different sides"
+            " 40 deg to different sides",
+            solved.views_px,
         )
     if solved.rms_px > MAX_RMS_PX:
         worst = max(solved.views_px, key=lambda name: solved.views_px[name])
         raise CalibrationError(
             f"the reprojection error is {solved.rms_px:.2f} px, more than {MAX_RMS_PX:.1f} px (worst: {worst}, "
-            f"{solved.views_px[worst]:.2f} px): is the board flat and the right one, are the pictures sharp?"
+            f"{solved.views_px[worst]:.2f} px): is the board flat and the right one, are the pictures sharp?",
+            solved.views_px,
         )
     focal_std = math.sqrt(max(solved.covariance[0, 0], 0.0)) / solved.parameters[0]
     if not focal_std < MAX_FOCAL_STD:
         raise CalibrationError(
             f"the focal length is only known to {100.0 * focal_std:.1f} %: take more pictures ({len(views)} now),"
-            " tilted more, and fill the picture"
+            " tilted more, and fill the picture",
+            solved.views_px,
         )
 
 
 def coverage(views: Sequence[View], size_px: tuple[int, int]) -> NDArray[np.int64]:
     """Return how many corners were seen in each of 3 x 3 parts of the picture."""
-    points = np.concatenate([v.seen_px.reshape(-1, 2) for v in views])
-    cells = np.clip((points + 0.5) / size_px * COVERAGE_CELLS, 0, COVERAGE_CELLS - 1).astype(np.int64)
     counts = np.zeros((COVERAGE_CELLS, COVERAGE_CELLS), np.int64)
-    np.add.at(counts, (cells[:, 1], cells[:, 0]), 1)
+    for view in views:
+        np.add.at(counts, _cells(view, size_px), 1)
     return counts
+
+
+def _cells(view: View, size_px: tuple[int, int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return row and column of the part of the picture in which each corner lies."""
+    parts = (view.seen_px.reshape(-1, 2) + 0.5) / size_px * COVERAGE_CELLS
+    column, row = np.clip(parts, 0, COVERAGE_CELLS - 1).astype(np.int64).T
+    return row, column
+
+
+def of_cell(view: View, size_px: tuple[int, int]) -> list[str]:
+    """Return the name of the part of the picture in which each corner lies."""
+    return [_CELL_NAMES[row][column] for row, column in zip(*_cells(view, size_px), strict=True)]
 
 
 def missing_cells(views: Sequence[View], size_px: tuple[int, int]) -> list[str]:
     """Return the names of the parts of the picture in which almost no corners were seen."""
     counts = coverage(views, size_px)
-    return [_CELL_NAMES[row][column] for row, column in np.argwhere(counts < 0.02 * counts.sum())]
+    return [_CELL_NAMES[row][column] for row, column in np.argwhere(counts <= 0.02 * counts.sum())]
 
 
 def _advice(solved: _Solved, views: Sequence[View], size_px: tuple[int, int]) -> list[str]:

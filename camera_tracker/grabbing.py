@@ -7,49 +7,34 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
-import numpy as np
 
 from camera_tracker.boards import Board
-from camera_tracker.calibration import View, missing_cells
-from camera_tracker.sources import Source
+from camera_tracker.collecting import Collection
+from camera_tracker.sources import Source, SourceError
 
-STILL_PX = 1.5
-"""A corner moves no more than this from one picture to the next while the board is held still."""
-_NEW_POSE = 0.06
-"""Mean movement of the board's corners since every picture taken, in widths of the picture."""
 _POLL_S = 0.005
 
 
 def grab_views(source: Source, board: Board, folder: Path, count: int) -> Iterator[tuple[int, str]]:
     """Write pictures into a folder until there are `count`; yield after each how many, and which parts lack corners.
 
-    Raises SourceError when the source fails.
+    Raises SourceError when the source fails, or changes the size of its pictures.
     """
-    taken: list[View] = []
-    before: View | None = None
+    taken = Collection(board)
     try:
-        while len(taken) < count:
+        while len(taken.views) < count:
             frame = source.read()
             if frame is None:
                 if not source.live:
                     return
                 time.sleep(_POLL_S)
                 continue
-            view = board.view(f"board-{len(taken) + 1:02}.png", frame.image)
-            still = view is not None and before is not None and _moved_px(view, before) < STILL_PX
-            height, width = frame.image.shape[:2]
-            if view is not None and still and all(_moved_px(view, v) > _NEW_POSE * width for v in taken):
-                cv2.imwrite(str(folder / view.name), frame.image)
-                taken.append(view)
-                yield len(taken), ", ".join(missing_cells(taken, (width, height)))
-            before = view
+            look = taken.look(f"board-{len(taken.views) + 1:02}.png", frame.image, frame.stamp_ns)
+            if look.view is not None and look.still and look.adds:
+                cv2.imwrite(str(folder / look.view.name), frame.image)
+                taken.take(look.view)
+                yield len(taken.views), ", ".join(taken.missing_parts())
+    except ValueError as error:
+        raise SourceError(f"{source.uri}: {error}") from None
     finally:
         source.close()
-
-
-def _moved_px(one: View, other: View) -> float:
-    """Return how far the corners that both views show are from each other, mean in px; infinite without any."""
-    places = dict(zip(map(tuple, other.board_m.round(6).tolist()), other.seen_px.reshape(-1, 2), strict=True))
-    ours = zip(map(tuple, one.board_m.round(6).tolist()), one.seen_px.reshape(-1, 2), strict=True)
-    apart = np.array([seen - places[place] for place, seen in ours if place in places])
-    return float(np.hypot(apart[:, 0], apart[:, 1]).mean()) if len(apart) else float("inf")

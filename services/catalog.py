@@ -76,6 +76,7 @@ PROCESSES = (
     Process("experiment", "services.experiment:Experiments"),
     Process("estimator", "services.estimator:Estimator"),
     Process("camera_tracker", "camera_tracker.service:CameraTracker", needs="camera"),
+    Process("camera_calibration", "camera_tracker.calibration_service:CameraCalibration", needs="camera"),
     Process("sensors", "services.simulator.sensors:Sensors", simulation_only=True, needs="instruments"),
     Process("ui", "ui.server:Page"),
     Process("simulator", "services.simulator.service:Simulator", simulation_only=True),

@@ -52,6 +52,7 @@ class Page(Service):
     joystick = Output(topics.OPERATOR_JOYSTICK)
     request = Output(topics.OPERATOR_REQUEST)
     fault = Output(topics.SIMULATION_FAULT)
+    calibration = Output(topics.OPERATOR_CALIBRATION)
 
     def __init__(self, config: PageConfig, vessel: Vessel) -> None:
         self.port: int | None = None
@@ -109,7 +110,7 @@ class Page(Service):
                 os.eventfd_write(self._wake_fd, 1)
 
     def _publish(self) -> None:
-        outputs: dict[str, Output[Any]] = {o.topic.key: o for o in (self.joystick, self.request, self.fault)}
+        outputs: dict[str, Output[Any]] = {o.topic.key: o for o in self.outputs}
         while self._outbox:
             topic, message = self._outbox.popleft()
             outputs[topic.key].publish(message)
@@ -173,7 +174,13 @@ def system_document(vessel: Vessel, title: str = "") -> dict[str, Any]:
     """Return what the page must know of vessel and place, in SI: the document /api/system."""
     kinds = {sensor.kind for sensor in vessel.sensors}
     absent = {
-        name for name, has in (("camera_tracker", "camera" in kinds), ("sensors", kinds & INSTRUMENTS)) if not has
+        name
+        for name, has in (
+            ("camera_tracker", "camera" in kinds),
+            ("camera_calibration", "camera" in kinds),
+            ("sensors", kinds & INSTRUMENTS),
+        )
+        if not has
     }
     publishers = {t.publisher for t in topics.all_topics() if not t.key.startswith("simulation/")} - absent
     return {

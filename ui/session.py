@@ -16,7 +16,17 @@ from urllib.parse import urlsplit
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from bus import topics
-from bus.messages import ExperimentPlan, Message, Mode, Name, OperatorJoystick, OperatorRequest, SimulationFault, Stick
+from bus.messages import (
+    CalibrationRequest,
+    ExperimentPlan,
+    Message,
+    Mode,
+    Name,
+    OperatorJoystick,
+    OperatorRequest,
+    SimulationFault,
+    Stick,
+)
 from bus.service import first_line
 from bus.topics import Topic
 
@@ -78,8 +88,16 @@ class FaultMessage(_FromPage):
     fault: SimulationFault
 
 
+class CalibrationMessage(_FromPage):
+    """A wish to the calibration of the camera."""
+
+    type: Literal["calibration"]
+    request: CalibrationRequest
+
+
 PageMessage = Annotated[
-    JoystickMessage | ModeMessage | RenewMessage | AliveMessage | FaultMessage, Field(discriminator="type")
+    JoystickMessage | ModeMessage | RenewMessage | AliveMessage | FaultMessage | CalibrationMessage,
+    Field(discriminator="type"),
 ]
 _PARSER: TypeAdapter[PageMessage] = TypeAdapter(PageMessage)
 
@@ -154,8 +172,9 @@ class Session:
                 self._renewals += 1
                 self._request(f"{self.client}-renew-{self._renewals}", "renew")
             case FaultMessage():
-                fault = message.fault.model_copy(update={"stamp_ns": 0, "origin_ns": None})
-                self._submit(topics.SIMULATION_FAULT, fault)
+                self._submit(topics.SIMULATION_FAULT, _unstamped(message.fault))
+            case CalibrationMessage():
+                self._submit(topics.OPERATOR_CALIBRATION, _unstamped(message.request))
             case AliveMessage():
                 pass
 
@@ -210,6 +229,11 @@ class Session:
         pictures = [bytes([len(key)]) + key.encode() + payload for key, payload in self._images.items()]
         self._values, self._images, self._answers, self._refusal = {}, {}, [], ""
         return [_json_object(frame).decode(), *pictures]
+
+
+def _unstamped(message: Message) -> Message:
+    """Return a message of a page without the header that it may have made up."""
+    return message.model_copy(update={"stamp_ns": 0, "origin_ns": None})
 
 
 def _json_object(items: Mapping[str, bytes]) -> bytes:
