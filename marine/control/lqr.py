@@ -51,16 +51,14 @@ class Lqr(StateFeedback):
 def lqr_design(model: DegreeOfFreedom, limit: float, size: float, integral_size: float) -> LoopDesign:
     """Return the PI-D loop with the gains of the regulator for states [int e, e, e'], input tau.
 
-    limit in N or Nm; size in m or rad, integral_size in m s or rad s. Anderson and Moore: Optimal Control.
+    limit in N or Nm; size in m or rad, integral_size in m s or rad s. For one input Riccati's equation is a spectral
+    factorisation: the closed loop's polynomial p has p(s) p(-s) = -s^6 + (limit/alpha)^2 (1/z^2 - s^2/p^2). Anderson
+    and Moore: Optimal Control, 1990, section 5.2. (No import of scipy: a running controller designs, too.)
     """
     if limit <= 0.0:
         return LoopDesign(STRUCTURES["PI-D"], Gains(0.0, 0.0, 0.0), model)
-    from scipy.linalg import solve_continuous_are  # slow to import
-
-    A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
-    B = np.array([[0.0], [0.0], [1.0 / model.alpha]])
-    Q = np.diag([1.0 / integral_size**2, 1.0 / size**2, 0.0])
-    R = np.array([[1.0 / limit**2]])
-    P = solve_continuous_are(A, B, Q, R)
-    integral, proportional, derivative = (np.linalg.solve(R, B.T @ P)[0]).tolist()
-    return limited(LoopDesign(STRUCTURES["PI-D"], Gains(integral, proportional, derivative), model))
+    scale = (limit / model.alpha) ** 2
+    roots = np.roots([-1.0, 0.0, 0.0, 0.0, -scale / size**2, 0.0, scale / integral_size**2])
+    _, c2, c1, c0 = np.poly(roots[roots.real < 0.0]).real.tolist()
+    gains = Gains(integral=model.alpha * c0, proportional=model.alpha * c1, derivative=model.alpha * c2)
+    return limited(LoopDesign(STRUCTURES["PI-D"], gains, model))

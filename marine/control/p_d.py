@@ -20,9 +20,11 @@ class PDParameters(Parameters):
     w0_rad_s: float | None = field(
         default=None, metadata={"doc": "characteristic frequency; None: the vessel file's [hold]"}
     )
+    yaw_w0_rad_s: float | None = field(default=None, metadata={"doc": "the same for heading; None: as the position's"})
 
     def __post_init__(self) -> None:
-        model_function(self.model_function, 2, 1.0 if self.w0_rad_s is None else self.w0_rad_s)
+        for w0 in (self.w0_rad_s, self.yaw_w0_rad_s):
+            model_function(self.model_function, 2, 1.0 if w0 is None else w0)
 
 
 class PD(StateFeedback):
@@ -39,6 +41,10 @@ class PD(StateFeedback):
     def for_vessel(cls, parameters: PDParameters, vessel: Vessel, limits: Vector3) -> PD:
         """Return the law designed for a vessel."""
         w0 = vessel.hold_w0_rad_s if parameters.w0_rad_s is None else parameters.w0_rad_s
-        a, m = model_function(parameters.model_function, 2, w0), vessel.model
-        surge, sway, yaw = (limited(design(STRUCTURES["P-D"], dof, a)) for dof in (m.surge, m.sway, m.yaw))
+        yaw_w0 = w0 if parameters.yaw_w0_rad_s is None else parameters.yaw_w0_rad_s
+        m = vessel.model
+        surge, sway, yaw = (
+            limited(design(STRUCTURES["P-D"], dof, model_function(parameters.model_function, 2, w)))
+            for dof, w in ((m.surge, w0), (m.sway, w0), (m.yaw, yaw_w0))
+        )
         return cls((surge, sway, yaw), 1.0, limits)

@@ -24,9 +24,11 @@ class PositioningParameters(Parameters):
     w0_rad_s: float | None = field(
         default=None, metadata={"doc": "characteristic frequency; None: the vessel file's [hold]"}
     )
+    yaw_w0_rad_s: float | None = field(default=None, metadata={"doc": "the same for heading; None: as the position's"})
 
     def __post_init__(self) -> None:
-        model_function(self.model_function, 3, 1.0 if self.w0_rad_s is None else self.w0_rad_s)
+        for w0 in (self.w0_rad_s, self.yaw_w0_rad_s):
+            model_function(self.model_function, 3, 1.0 if w0 is None else w0)
 
 
 class Positioning(ControlLaw):
@@ -42,23 +44,31 @@ class Positioning(ControlLaw):
     name = "ipd"
     Parameters = PositioningParameters
 
-    def __init__(self, model: HorizontalModel, a: Coefficients, tracking_time_s: float, limits: Vector3) -> None:
-        """Design the law by the model function a = (a1, a2, a3); raise ValueError when (8.22) does not allow it."""
+    def __init__(
+        self, model: HorizontalModel, a: Coefficients, limits: Vector3, yaw: Coefficients | None = None
+    ) -> None:
+        """Design the law by the model function a = (a1, a2, a3) and that of the heading, if it has one of its own.
+
+        Raise ValueError when (8.22) does not allow it.
+        """
         super().__init__(limits)
-        self._a1, self._a2, _ = a
+        yaw = yaw or a
+        self._functions = (a, a, yaw)
+        tracking_time_s = TRACKING_TIME * a[2] ** (1.0 / 3.0)
         self._surge, self._sway = (limited(design(_I_PD, dof, a)) for dof in (model.surge, model.sway))
         unit = design(_I_PD, _UNIT_MASS, a)
         self._x = SingleLoop(unit, tracking_time_s)
         self._y = SingleLoop(unit, tracking_time_s)
-        self._psi = SingleLoop(limited(design(_I_PD, model.yaw, a)), tracking_time_s)
+        self._psi = SingleLoop(limited(design(_I_PD, model.yaw, yaw)), TRACKING_TIME * yaw[2] ** (1.0 / 3.0))
         self._eta: Vector3 | None = None
 
     @classmethod
     def for_vessel(cls, parameters: PositioningParameters, vessel: Vessel, limits: Vector3) -> Positioning:
         """Return the law designed for a vessel; raise ValueError when (8.22) does not allow it."""
         w0 = vessel.hold_w0_rad_s if parameters.w0_rad_s is None else parameters.w0_rad_s
-        a = model_function(parameters.model_function, 3, w0)
-        return cls(vessel.model, a, TRACKING_TIME * a[2] ** (1.0 / 3.0), limits)
+        yaw_w0 = w0 if parameters.yaw_w0_rad_s is None else parameters.yaw_w0_rad_s
+        a, yaw = (model_function(parameters.model_function, 3, w) for w in (w0, yaw_w0))
+        return cls(vessel.model, a, limits, yaw)
 
     @property
     def designs(self) -> tuple[LoopDesign, LoopDesign, LoopDesign]:
@@ -101,12 +111,13 @@ class Positioning(ControlLaw):
         return *to_tank(*self._force(self._x.action, self._y.action, psi), psi), self._psi.action
 
     def _led_error(self, reference: Reference) -> Vector3:
-        e, rate, acceleration = self.error, reference.rate, reference.acceleration
-        return (
-            e[0] + self._a1 * rate[0] + self._a2 * acceleration[0],
-            e[1] + self._a1 * rate[1] + self._a2 * acceleration[1],
-            e[2] + self._a1 * rate[2] + self._a2 * acceleration[2],
+        e_x, e_y, e_psi = (
+            e + a[0] * rate + a[1] * acceleration
+            for e, rate, acceleration, a in zip(
+                self.error, reference.rate, reference.acceleration, self._functions, strict=True
+            )
         )
+        return e_x, e_y, e_psi
 
     def _acceleration(self, X: float, Y: float, psi: float) -> tuple[float, float]:
         """Return the acceleration in {E} that a force in {B} gives, m/s^2."""

@@ -2,16 +2,20 @@
 
 import math
 
+import numpy as np
 import pytest
+import scipy.linalg
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from marine.allocation import axis_limits
 from marine.control.base import ZERO, ControlLaw, Reference, Vector3
 from marine.control.laws import known_laws
+from marine.control.lqr import lqr_design
 from marine.control.positioning import Positioning, PositioningParameters
 from marine.dynamics.uncoupled import UncoupledModel
 from marine.frames import to_body, wrap_angle
+from marine.vessel import DegreeOfFreedom
 from services.vessels import load_vessel
 
 PLADYPOS = load_vessel("pladypos")
@@ -178,3 +182,25 @@ def test_other_gains_take_over_without_a_jump_and_go_on_holding() -> None:
         state = (x, y, wrap_angle(psi), u, v, r)
         furthest = max(furthest, math.hypot(x - 1.0, y - 1.0)) if k > 1200 else 0.0
     assert furthest < 1e-3
+
+
+sizes = st.floats(1e-2, 1e2)
+
+
+@given(alpha=sizes, limit=sizes, size=sizes, integral_size=sizes)
+def test_the_regulators_gains_solve_riccatis_equation(
+    alpha: float, limit: float, size: float, integral_size: float
+) -> None:
+    gains = lqr_design(DegreeOfFreedom(alpha, 0.0, 0.0), limit, size, integral_size).gains
+    A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
+    B = np.array([[0.0], [0.0], [1.0 / alpha]])
+    Q, R = np.diag([1.0 / integral_size**2, 1.0 / size**2, 0.0]), np.array([[1.0 / limit**2]])
+    K = np.linalg.solve(R, B.T @ scipy.linalg.solve_continuous_are(A, B, Q, R))[0]
+    assert (gains.integral, gains.proportional, gains.derivative) == pytest.approx(tuple(K), rel=1e-6)
+
+
+@given(w0=st.floats(0.2, 2.0), yaw_w0=st.floats(0.2, 2.0))
+def test_heading_may_have_a_frequency_of_its_own(w0: float, yaw_w0: float) -> None:
+    surge, _, yaw = Positioning.for_vessel(PositioningParameters("bessel", w0, yaw_w0), PLADYPOS, LIMITS).designs
+    assert surge.gains.integral / surge.model.alpha == pytest.approx(w0**3)
+    assert yaw.gains.integral / yaw.model.alpha == pytest.approx(yaw_w0**3)

@@ -103,7 +103,7 @@ def test_list_names_every_law(tune: Any) -> None:
     laws = {law["name"]: law for law in json.loads(out)["laws"]}
     assert {"ipd", "lqr", "p_d"} <= laws.keys()
     assert not laws["p_d"]["integral"]
-    assert [p["name"] for p in laws["ipd"]["parameters"]] == ["model_function", "w0_rad_s"]
+    assert [p["name"] for p in laws["ipd"]["parameters"]] == ["model_function", "w0_rad_s", "yaw_w0_rad_s"]
     assert all(name in tune("--list")[1] for name in laws)
 
 
