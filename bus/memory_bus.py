@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -35,8 +34,6 @@ class MemoryBus:
         self._routes: dict[str, list[tuple[str, Input[Any]]]] = {}
         self._last: dict[str, tuple[Topic[Any], Message]] = {}
         self._taps: dict[str, list[Callable[[Any], None]]] = {}
-        self._due: list[tuple[int, int, str]] = []
-        self._order = 0
         self._sequences: dict[str, int] = {}
 
     @property
@@ -61,7 +58,6 @@ class MemoryBus:
         for raw in service.raw_inputs:
             self._raw_readers.append((service.name, raw))
         stepper.start(self.clock.now_ns())
-        self._schedule(stepper)
 
     def kill(self, name: str) -> None:
         """Take a service off the bus without its `stop`, as SIGKILL does."""
@@ -86,7 +82,6 @@ class MemoryBus:
         """Let a held service go on."""
         self._paused.discard(name)
         self._steppers[name].due_ns = self.clock.now_ns()
-        self._schedule(self._steppers[name])
 
     def publish(self, topic: Topic[M], message: M, source: str = "operator") -> None:
         """Publish from outside any service, as a page or the command line does; the header is filled in."""
@@ -113,8 +108,8 @@ class MemoryBus:
         """Let simulated time pass."""
         end_ns = self.clock.now_ns() + round(seconds * NS)
         self._wake_all()
-        while self._due and self._due[0][0] <= end_ns:
-            self._run_due()
+        while self._run_next(end_ns):
+            pass
         self.clock.advance_to(end_ns)
 
     def run_until(self, condition: Callable[[], bool], timeout_s: float) -> None:
@@ -122,40 +117,36 @@ class MemoryBus:
         end_ns = self.clock.now_ns() + round(timeout_s * NS)
         self._wake_all()
         while not condition():
-            if not self._due or self._due[0][0] > end_ns:
+            if not self._run_next(end_ns):
                 raise TimeoutError(f"condition not met within {timeout_s} s of simulated time")
-            self._run_due()
 
-    def _run_due(self) -> None:
-        due_ns, _, name = heapq.heappop(self._due)
-        stepper = self._steppers.get(name)
-        if stepper is None or name in self._paused or stepper.next_ns(self.clock.now_ns()) > due_ns:
-            return  # the entry is out of date
-        self.clock.advance_to(max(due_ns, self.clock.now_ns()))
-        self._step(stepper)
+    def _run_next(self, end_ns: int) -> bool:
+        """Step the service that is due first, and all that it wakes; return False when none is due until the end."""
+        now_ns, first, first_ns = self.clock.now_ns(), None, end_ns + 1
+        for name, stepper in self._steppers.items():
+            due_ns = stepper.next_ns(now_ns)
+            if due_ns < first_ns and name not in self._paused:
+                first, first_ns = stepper, due_ns
+        if first is None:
+            return False
+        self.clock.advance_to(max(first_ns, now_ns))
+        first.step(self.clock.now_ns())
         self._wake_all()
+        return True
 
     def _wake_all(self) -> None:
+        now_ns = self.clock.now_ns()
         for _ in range(_WAKE_LIMIT):
-            name = next((n for n in self._ready if n not in self._paused), None)
-            if name is None:
+            for name in self._ready:
+                if name not in self._paused:
+                    break
+            else:
                 return
             del self._ready[name]
             stepper = self._steppers[name]
-            if stepper.woken(self.clock.now_ns()):
-                self._step(stepper)
-            else:
-                self._schedule(stepper)
+            if stepper.woken(now_ns):
+                stepper.step(now_ns)
         raise RuntimeError(f"services wake each other without end: {list(self._ready)}")
-
-    def _step(self, stepper: Stepper) -> None:
-        self._ready.pop(stepper.service.name, None)
-        stepper.step(self.clock.now_ns())
-        self._schedule(stepper)
-
-    def _schedule(self, stepper: Stepper) -> None:
-        self._order += 1
-        heapq.heappush(self._due, (stepper.next_ns(self.clock.now_ns()), self._order, stepper.service.name))
 
     def _encoded(self, message: Message) -> bytes | Message:
         return message.encode() if self._json else message

@@ -28,6 +28,7 @@ WRENCH_FIELDS = ("surge_n", "sway_n", "heave_n", "roll_nm", "pitch_nm", "yaw_nm"
 
 
 _HEADER = frozenset({"stamp_ns", "seq", "source"})
+_new, _set = object.__new__, object.__setattr__  # of a frozen message that is being made
 
 
 def _state_units(schema: dict[str, Any]) -> None:
@@ -48,13 +49,11 @@ class Message(BaseModel):
 
     def stamped(self, stamp_ns: int, seq: int, source: str) -> Self:
         """Return a copy with its header filled in: `model_copy` at half its cost, on every message of every service."""
-        content = self.__dict__.copy()
-        content.update(stamp_ns=stamp_ns, seq=seq, source=source)
-        copy = object.__new__(type(self))
-        object.__setattr__(copy, "__dict__", content)
-        object.__setattr__(copy, "__pydantic_fields_set__", self.__pydantic_fields_set__ | _HEADER)
-        object.__setattr__(copy, "__pydantic_extra__", None)
-        object.__setattr__(copy, "__pydantic_private__", None)
+        copy = _new(type(self))
+        copy.__dict__.update(self.__dict__, stamp_ns=stamp_ns, seq=seq, source=source)
+        _set(copy, "__pydantic_fields_set__", self.__pydantic_fields_set__ | _HEADER)
+        _set(copy, "__pydantic_extra__", None)
+        _set(copy, "__pydantic_private__", None)
         return copy
 
     def encode(self) -> bytes:
@@ -64,7 +63,7 @@ class Message(BaseModel):
     @classmethod
     def decode(cls, payload: bytes) -> Self:
         """Return the message of a payload; raise ValueError (pydantic.ValidationError) when it is malformed."""
-        return cls.model_validate_json(payload)
+        return cls.__pydantic_validator__.validate_json(payload)
 
 
 # --- camera -----------------------------------------------------------------------------------------------------
@@ -505,6 +504,78 @@ class ExperimentResult(Message):
     t_s: tuple[float, ...] = ()
     measured: tuple[float, ...] = Field((), description="m, of yaw rad, from the start")
     simulated: tuple[float, ...] = Field((), description="the first method's model with the recorded force")
+
+
+# --- tuning -----------------------------------------------------------------------------------------------------
+
+
+class AxisModel(BaseModel):
+    """Model of one axis, alpha nu' + (beta + beta_quadratic |nu|) nu = tau, in SI: N and m, of yaw Nm and rad."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    alpha: float = Field(description="inertia, kg or kg m^2")
+    beta: float = Field(0.0, description="constant drag")
+    beta_quadratic: float = Field(0.0, description="drag that grows with speed")
+
+
+class Tuning(BaseModel):
+    """A control law with its parameters, and identified models in place of the vessel file's."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    law: Name
+    parameters: dict[Name, float | Text | None] = Field({}, max_length=32, description="those not named: the defaults")
+    models: dict[Literal["surge", "sway", "yaw"], AxisModel] = Field(
+        {}, description="of the axes not named: the vessel file's"
+    )
+
+
+class TuningRequest(Message):
+    """A wish to run another tuning from now on, answered on control/answer."""
+
+    request_id: Name
+    client: Name
+    tuning: Tuning | None = Field(None, description="null: what the configuration file says")
+
+
+class TuningAnswer(HelmAnswer):
+    """Answer to a request for a tuning."""
+
+
+class LoopGains(BaseModel):
+    """Gains of one axis, thesis Fig. 8.3; the compensated drag is apart, and compensated up to `speed_limit` only."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    k_i: float
+    k_p: float
+    k_d: float
+    speed_limit: float | None = Field(None, description="m/s or rad/s, thesis (8.27); null: none is needed")
+
+
+class Shaping(BaseModel):
+    """How a new reference is approached; what is null follows from the model."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, json_schema_extra=_state_units)
+
+    share: float
+    speed_m_s: float | None = None
+    acceleration_m_s2: float | None = None
+    yaw_rate_rad_s: float | None = None
+    yaw_acceleration_rad_s2: float | None = None
+
+
+class ControlGains(Message):
+    """What serves the positioning modes: law, parameters, models, since when."""
+
+    tuning: Tuning
+    engaged: bool = Field(description="false: the configuration file's")
+    since_ns: Count
+    by: Name = Field("", description="client that engaged it")
+    before: Tuning | None = Field(None, description="what ran before it; null: the configuration file's")
+    loops: dict[Literal["surge", "sway", "yaw"], LoopGains] = Field({}, description="empty: the law has no such gains")
+    shaping: Shaping | None = Field(None, description="the reference filter; null: steps as they are")
 
 
 # --- platform link ----------------------------------------------------------------------------------------------

@@ -135,10 +135,9 @@ class Input(Generic[M]):
         self.updated = False
         if self._taken:
             self._taken = []
-        if self._held(now_ns):
+        if not (self._pending or self._arrived) or self._held(now_ns):
             return
-        if self._pending:
-            self._decode_pending()
+        self._decode_pending()
         if self._arrived:
             self.updated = True
             self._held_until_ns = now_ns + self.min_interval_ns
@@ -160,7 +159,7 @@ class Input(Generic[M]):
     def _decode_pending(self) -> None:
         while self._pending:
             key, number, sample = self._pending.popleft()
-            message = self._decode(sample)
+            message = sample if isinstance(sample, self.topic.message) else self._decode(sample)
             if message is None:
                 continue
             self._count_gaps(key, number, message)
@@ -172,8 +171,6 @@ class Input(Generic[M]):
                 self._arrived.append(message)
 
     def _decode(self, sample: bytes | Message) -> M | None:
-        if isinstance(sample, self.topic.message):
-            return sample
         try:
             if isinstance(sample, Message):
                 raise ValueError(f"got a {type(sample).__name__}")
@@ -331,7 +328,7 @@ def _own(port: Port) -> Port:
 
 
 def _content(message: Message) -> dict[str, Any]:
-    return {name: value for name, value in message.__dict__.items() if name not in Message.model_fields}
+    return {name: value for name, value in message.__dict__.items() if name not in _HEADER}
 
 
 def first_line(error: Exception) -> Text:
