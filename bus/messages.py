@@ -509,6 +509,9 @@ class ExperimentResult(Message):
 # --- tuning -----------------------------------------------------------------------------------------------------
 
 
+TunedAxis = Literal["surge", "sway", "yaw"]
+
+
 class AxisModel(BaseModel):
     """Model of one axis, alpha nu' + (beta + beta_quadratic |nu|) nu = tau, in SI: N and m, of yaw Nm and rad."""
 
@@ -525,10 +528,10 @@ class Tuning(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     law: Name
-    parameters: dict[Name, float | Text | None] = Field({}, max_length=32, description="those not named: the defaults")
-    models: dict[Literal["surge", "sway", "yaw"], AxisModel] = Field(
-        {}, description="of the axes not named: the vessel file's"
+    parameters: dict[Name, bool | float | Text | tuple[float, ...] | None] = Field(
+        {}, max_length=32, description="those not named: the defaults"
     )
+    models: dict[TunedAxis, AxisModel] = Field({}, description="of the axes not named: the vessel file's")
 
 
 class TuningRequest(Message):
@@ -574,7 +577,8 @@ class ControlGains(Message):
     since_ns: Count
     by: Name = Field("", description="client that engaged it")
     before: Tuning | None = Field(None, description="what ran before it; null: the configuration file's")
-    loops: dict[Literal["surge", "sway", "yaw"], LoopGains] = Field({}, description="empty: the law has no such gains")
+    configured: Tuning = Field(description="the configuration file's")
+    loops: dict[TunedAxis, LoopGains] = Field({}, description="empty: the law has no such gains")
     shaping: Shaping | None = Field(None, description="the reference filter; null: steps as they are")
 
 
