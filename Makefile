@@ -23,7 +23,8 @@ up: setup  ## start everything with the simulator; prints the address of the pag
 	@exec $(BIN)/starboard up config/simulation.toml
 
 test: setup chromium  ## all tests that CI runs
-	$(BIN)/pytest
+	$(BIN)/pytest -n 2 tests/unit tests/property tests/loop
+	$(BIN)/pytest tests/system tests/browser
 
 chromium:  # Debian's Chromium for the browser tests, where it is missing
 	@command -v chromium >/dev/null || { \
