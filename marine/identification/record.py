@@ -85,7 +85,7 @@ def on_grid(
 def methods_for(kind: Kind) -> tuple[str, ...]:
     """Return the names of the methods that suit an experiment, the best first."""
     return {
-        "step": ("response fit", "step fit", "step formulas"),
+        "step": ("response fit", "step fit", "step formulas", "velocity formulas"),
         "self-oscillation": ("projection", "describing function", "least squares"),
         "zigzag": ("projection", "least squares", "zig-zag integrals"),
         "pull-out": ("response fit", "least squares"),
@@ -135,6 +135,11 @@ def _step_force(record: Record) -> float:
     return float(np.mean(record.tau[:-1]))
 
 
+def _acting_s(record: Record) -> FloatArray:
+    """Return times counted from when the force begins to act."""
+    return record.t_s - record.delay_s
+
+
 def _window_s(record: Record) -> float:
     """Return half the median time between reversals of tau, or an eighth of the record."""
     turns = np.flatnonzero(np.diff(np.sign(record.tau - 0.5 * (record.tau.max() + record.tau.min()))))
@@ -165,8 +170,9 @@ METHODS: dict[str, Callable[[Record, Drag], Identified]] = {
         disturbance=bool(np.any(r.tau[1:] * r.tau[:-1] < 0.0)),
         delay_s=r.delay_s,
     ),
-    "step fit": lambda r, drag: step.fit_response(r.t_s, _step_force(r), eta=r.eta, drag=drag, axis=r.axis),
-    "step formulas": lambda r, drag: step.type_1(r.t_s, r.eta, _step_force(r), drag=drag, axis=r.axis),
+    "step fit": lambda r, drag: step.fit_response(_acting_s(r), _step_force(r), eta=r.eta, drag=drag, axis=r.axis),
+    "step formulas": lambda r, drag: step.type_1(_acting_s(r), r.eta, _step_force(r), drag=drag, axis=r.axis),
+    "velocity formulas": lambda r, drag: step.type_0(_acting_s(r), velocity(r), _step_force(r), drag=drag, axis=r.axis),
 }
 """Name -> what makes of a record and a form of drag a result."""
 

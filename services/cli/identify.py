@@ -78,13 +78,14 @@ def thruster(
 
 
 METHODS = {
-    "projection": ("projection", "Projection on the first harmonic: any oscillation, relay or zig-zag."),
+    "projection": ("projection", "Projection on the first harmonics: any oscillation, relay or zig-zag."),
     "describing-function": ("describing function", "Self-oscillation by the formulas of thesis Table 6.3."),
     "least-squares": ("least squares", "Least squares on integrals, thesis 4.2: any manoeuvre that varies its force."),
     "zig-zag-integrals": ("zig-zag integrals", "Zig-zag by integrals, thesis 4.4: constant drag."),
     "response-fit": ("response fit", "Fit of the simulated response: step, pull-out, anything."),
     "step-fit": ("step fit", "Fit of a step response at constant force, thesis (4.46)."),
     "step-formulas": ("step formulas", "Step response by slope and velocity error, thesis Table 4.1."),
+    "velocity-formulas": ("velocity formulas", "Step response by steady speed and time to 76 %, pladypos (9), (10)."),
 }
 """Command -> method of marine.identification.record, help."""
 
