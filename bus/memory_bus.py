@@ -92,8 +92,7 @@ class MemoryBus:
 
     def publish_bytes(self, key: str, payload: bytes) -> None:
         """Put any bytes on a key, as a broken client would."""
-        for name, port in self._readers_of(key):
-            self._offer(name, port, payload, key)
+        self._offer(self._readers_of(key), payload, key)
 
     def last(self, topic: Topic[M]) -> M | None:
         """Return the last message of a topic."""
@@ -152,20 +151,18 @@ class MemoryBus:
         return message.encode() if self._json else message
 
     def _send(self, topic: Topic[Any], message: Message) -> None:
-        self._last[topic.key] = (topic, message)
-        readers = self._readers_of(topic.key)
-        if readers:
-            sample = self._encoded(message)
-            for name, port in readers:
-                self._offer(name, port, sample, topic.key)
+        key = topic.key
+        self._last[key] = (topic, message)
+        if readers := self._readers_of(key):
+            self._offer(readers, self._encoded(message), key)
         if self._raw_readers:
-            raw = RawSample(topic.key, message.encode(), self.clock.now_ns())
+            raw = RawSample(key, message.encode(), self.clock.now_ns())
             for name, raw_port in self._raw_readers:
-                if matches(raw_port.pattern, topic.key):
+                if matches(raw_port.pattern, key):
                     raw_port.offer(raw)
                     if raw_port.wakes:
                         self._ready[name] = None
-        for callback in self._taps.get(topic.key, ()):
+        for callback in self._taps.get(key, ()):
             callback(message)
 
     def _readers_of(self, key: str) -> list[tuple[str, Input[Any]]]:
@@ -180,7 +177,8 @@ class MemoryBus:
             if topic.latched and matches(port.topic.pattern, key):
                 port.offer_retained(self._encoded(message), key)
 
-    def _offer(self, name: str, port: Input[Any], sample: bytes | Message, key: str) -> None:
-        port.offer(sample, key if port.is_pattern else "")
-        if port.wakes:
-            self._ready[name] = None
+    def _offer(self, readers: list[tuple[str, Input[Any]]], sample: bytes | Message, key: str) -> None:
+        for name, port in readers:
+            port.offer(sample, key if port.is_pattern else "")
+            if port.wakes:
+                self._ready[name] = None

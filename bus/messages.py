@@ -267,6 +267,10 @@ class Wrench(Message):
     pitch_nm: float | None = None
     yaw_nm: float | None = None
 
+    def components(self) -> dict[str, float | None]:
+        """Return the six components by their fields, in N and Nm."""
+        return {field: getattr(self, field) for field in WRENCH_FIELDS}
+
     def vector(self) -> tuple[float, float, float, float, float, float]:
         """Return [X, Y, Z, K, M, N] in N and Nm, zero where a component is null."""
         return (

@@ -138,14 +138,15 @@ class Input(Generic[M]):
         if not (self._pending or self._arrived) or self._held(now_ns):
             return
         self._decode_pending()
-        if self._arrived:
-            self.updated = True
-            self._held_until_ns = now_ns + self.min_interval_ns
-            if self.queue:
-                self._taken = self._arrived[-self.queue :]
-            if not self.is_pattern:
-                self._miss(len(self._arrived) - max(len(self._taken), 1))
-            self._arrived = []
+        if not self._arrived:
+            return
+        arrived, self._arrived = self._arrived, []
+        self.updated = True
+        self._held_until_ns = now_ns + self.min_interval_ns
+        if self.queue:
+            self._taken = arrived[-self.queue :]
+        if len(arrived) > 1 and not self.is_pattern:
+            self._miss(len(arrived) - max(len(self._taken), 1))
 
     def _held(self, now_ns: int) -> bool:
         return 0 < self._held_until_ns - now_ns <= self.min_interval_ns  # a clock set back holds nothing
@@ -184,8 +185,9 @@ class Input(Generic[M]):
     def _count_gaps(self, key: str, number: int, message: M) -> None:
         """Count what the sequence numbers say was sent but was never offered."""
         source, last, last_number = self._last.get(key, ("", 0, 0))
-        if source == message.source and message.seq > last:
-            self.gaps += max(0, message.seq - last - (number - last_number))
+        sent, came = message.seq - last, number - last_number
+        if source == message.source and sent > 0 and sent > came:
+            self.gaps += sent - came
         self._last[key] = (message.source, message.seq, number)
 
     def fresh(self, now_s: float) -> M | None:

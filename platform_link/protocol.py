@@ -120,7 +120,7 @@ def _parse(body: bytes) -> Command | Telemetry | None:
     length = end + (_STATE.size if kind == _TELEMETRY else 0)
     if version != VERSION or kind not in (_COMMAND, _TELEMETRY) or len(body) != length:
         return None
-    commands = tuple(c / COMMANDS_PER_UNIT for c in struct.unpack_from(f"<{count}h", body, _HEADER.size))
+    commands = tuple([c / COMMANDS_PER_UNIT for c in struct.unpack_from(f"<{count}h", body, _HEADER.size)])
     if kind == _COMMAND:
         return Command(seq, time_us, commands)
     flags, battery, crc_errors, refused = _STATE.unpack_from(body, end)
@@ -132,7 +132,7 @@ def _parse(body: bytes) -> Command | Telemetry | None:
 
 def _cobs(content: bytes) -> bytes:
     """Return content without its zeros: each stretch up to one gets its length + 1 in front (Cheshire, Baker 1999)."""
-    return b"".join(bytes((len(part) + 1,)) + part for part in content.split(b"\0"))
+    return b"".join([bytes((len(part) + 1,)) + part for part in content.split(b"\0")])
 
 
 def _uncobs(chunk: bytes) -> bytes:

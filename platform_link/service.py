@@ -111,10 +111,11 @@ class PlatformLink(Service):
         if command.commands.keys() != self._limits.keys():
             self._reject(f"refused: it is for {', '.join(command.commands)}; the vessel has {', '.join(self._limits)}")
             return self._zeros
-        wanted = tuple(min(max(command.commands[name], low), high) for name, (low, high) in self._limits.items())
-        if wanted != tuple(command.commands[name] for name in self._limits):
+        asked = [command.commands[name] for name in self._limits]
+        wanted = [min(max(n, low), high) for n, (low, high) in zip(asked, self._limits.values(), strict=True)]
+        if wanted != asked:
             self._reject(f"clamped to the vessel's limits: {command.commands}")
-        return wanted
+        return tuple(wanted)
 
     def _reject(self, reason: str) -> None:
         if not self.command.updated:  # the same command, sent again

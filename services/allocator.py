@@ -15,6 +15,7 @@ from bus.service import Input, Output, Service
 from marine.allocation import vessel_allocation
 from marine.vessel import Vessel
 
+_DEMANDED_FIELDS = tuple(f"demanded_{field}" for field in WRENCH_FIELDS)
 _NEGLIGIBLE = 1e-6
 """Part of an axis' reach below which a difference is the solver's and not a limit's."""
 
@@ -68,6 +69,10 @@ class Allocator(Service):
             axes, rank = self._allocation.axes, self._allocation.rank
             self.note = f"without {', '.join(config.failed)}: rank {rank} on {', '.join(AXES[i] for i in axes)}"
             self.log.warning(self.note)
+        reach, axes = self._allocation.reach, self._allocation.axes
+        self._tolerances = [(axis, _NEGLIGIBLE * reach[axis]) for axis in axes]
+        self._ignored = [axis for axis in range(len(AXES)) if axis not in axes]
+        self._controlled = {WRENCH_FIELDS[axis] for axis in axes}
         self._before_s = -math.inf
 
     def step(self, now_s: float) -> None:
@@ -88,22 +93,19 @@ class Allocator(Service):
         tau = wrench.vector()
         answer = self._allocation.solve(tau, U, now_s - self._before_s)
         self._publish(answer.commands, U, wrench.origin_ns)
-        allocation = self._allocation
-        errors = ((abs(answer.attained[axis] - tau[axis]), allocation.reach[axis]) for axis in allocation.axes)
-        ignored = any(wanted for axis, wanted in enumerate(tau) if axis not in allocation.axes)
-        limited = ignored or any(error > _NEGLIGIBLE * reach for error, reach in errors)
-        demanded = {field: getattr(wrench, field) for field in WRENCH_FIELDS}
+        attained, demanded = answer.attained, wrench.components()
+        missed = any(abs(attained[axis] - tau[axis]) > tolerance for axis, tolerance in self._tolerances)
         given = {
             field: value
-            for axis, (field, value) in enumerate(zip(WRENCH_FIELDS, answer.attained, strict=True))
-            if axis in allocation.axes or demanded[field] is not None
+            for field, value in zip(WRENCH_FIELDS, attained, strict=True)
+            if field in self._controlled or demanded[field] is not None
         }
         self.attained.publish(
             AttainedWrench(
                 origin_ns=wrench.origin_ns,
-                limited=limited,
+                limited=missed or any(tau[axis] for axis in self._ignored),
                 **given,
-                **{f"demanded_{field}": value for field, value in demanded.items()},
+                **dict(zip(_DEMANDED_FIELDS, demanded.values(), strict=True)),
             )
         )
 

@@ -12,7 +12,6 @@ from bus import topics
 from bus.clock import NS
 from bus.config import Section
 from bus.messages import (
-    WRENCH_FIELDS,
     ExperimentPlan,
     HelmAnswer,
     HelmState,
@@ -319,8 +318,7 @@ class Helm(Service):
         return state, ""
 
     def _pass_on(self, wrench: Wrench, state: NavigationState | None) -> None:
-        content = wrench.model_dump(include=set(WRENCH_FIELDS))
-        speed_m_s = _speed_m_s(state)
+        speed_m_s, content = _speed_m_s(state), wrench.components()
         self.wrench.publish(HelmWrench(mode=self._mode, origin_ns=wrench.origin_ns, speed_m_s=speed_m_s, **content))
 
     def _publish_zero(self) -> None:

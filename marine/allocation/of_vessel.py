@@ -63,7 +63,7 @@ class FixedActuators:
 
     def solve(self, tau: Sequence[float], U: float = 0.0, dt_s: float = math.inf) -> Answer:
         """Return commands for a wrench [X Y Z K M N] in N and Nm at speed U in m/s, dt_s after the call before."""
-        drives = [drive.at(U) for drive in self._drives] if self._moving else self._drives
+        drives = self._at(U)
         narrowed = self._narrowed(drives, dt_s) if self._moving or self._rate_limited else None
         thrusts = self.allocation.solve(tau, narrowed)
         if self._rate_limited:
@@ -88,7 +88,10 @@ class FixedActuators:
 
     def delivered(self, commands: Sequence[float], U: float = 0.0) -> Wrench:
         """Return the wrench that commands give at speed U in m/s, rounding and dead zone included."""
-        return self.allocation.wrench([d.at(U).thrust(n) for d, n in zip(self._drives, commands, strict=True)])
+        return self.allocation.wrench([d.thrust(n) for d, n in zip(self._at(U), commands, strict=True)])
+
+    def _at(self, U: float) -> list[Drive]:
+        return [drive.at(U) for drive in self._drives] if self._moving else self._drives
 
     def axis_limits(self) -> Wrench:
         """See the function `axis_limits`."""

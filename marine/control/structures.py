@@ -8,6 +8,7 @@ docs/errata.md) are 1/beta and alpha/beta. In this form a vessel without constan
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from marine.control.model_function import Coefficients, is_stable
 from marine.vessel import DegreeOfFreedom
@@ -79,7 +80,7 @@ class LoopDesign:
     model: DegreeOfFreedom
     speed_limit: float = float("inf")
 
-    @property
+    @cached_property
     def beta(self) -> float:
         """Constant drag that is compensated, N s/m or Nm s/rad."""
         return self.model.beta if self.structure.derivative else 0.0
