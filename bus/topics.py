@@ -73,6 +73,11 @@ NAVIGATION_STATE = Topic(
 CONTROL_WRENCH = Topic("control/wrench", m.Wrench, "controller", "What the control law demands.", 30.0, Qos.COMMAND)
 CONTROL_STATUS = Topic("control/status", m.ControlStatus, "controller", "Errors and integral action of the law.", 5.0)
 
+CONTROL_GAINS = Topic("control/gains", m.ControlGains, "controller", "Law, parameters and models in force.", 1.0)
+CONTROL_ANSWER = Topic(
+    "control/answer", m.TuningAnswer, "controller", "Answers to requests for a tuning.", None, Qos.REQUEST
+)
+
 HELM_STATE = Topic("helm/state", m.HelmState, "helm", "Mode, reference, who has which axis, lease.", 5.0)
 HELM_WRENCH = Topic("helm/wrench", m.HelmWrench, "helm", "The wrench that acts.", 30.0, Qos.COMMAND)
 HELM_ANSWER = Topic("helm/answer", m.HelmAnswer, "helm", "Answers to operators' requests.", None, Qos.REQUEST)
@@ -89,6 +94,10 @@ OPERATOR_JOYSTICK = Topic("operator/joystick", m.OperatorJoystick, OPERATOR, "St
 OPERATOR_REQUEST = Topic("operator/request", m.OperatorRequest, OPERATOR, "Requests to the helm.", None, Qos.REQUEST)
 OPERATOR_CALIBRATION = Topic(
     "operator/calibration", m.CalibrationRequest, OPERATOR, "Requests to the camera's calibration.", None, Qos.REQUEST
+)
+
+OPERATOR_TUNING = Topic(
+    "operator/tuning", m.TuningRequest, OPERATOR, "Law and parameters to engage.", None, Qos.REQUEST
 )
 
 ACTUATOR_COMMAND = Topic(

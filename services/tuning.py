@@ -46,10 +46,10 @@ def parameters_of(law: type[ControlLaw], values: Any) -> Any:
         raise ValueError(f"{key}: {first['msg'].removeprefix('Value error, ')}") from None
 
 
-def filter_for(shaping: Shaping, vessel: Vessel, limits: Vector3) -> ReferenceFilter:
-    """Return the reference filter of a vessel whose actuators reach `limits` on surge, sway and yaw."""
+def motion_for(shaping: Shaping, vessel: Vessel, limits: Vector3) -> MotionLimits:
+    """Return what the reference may do, of a vessel whose actuators reach `limits` on surge, sway and yaw."""
     derived = MotionLimits.of_vessel(vessel.model, limits, shaping.share, APPROACH * vessel.hold_w0_rad_s)
-    return ReferenceFilter(replace(derived, **shaping.model_dump(exclude={"share"}, exclude_none=True)))
+    return replace(derived, **shaping.model_dump(exclude={"share"}, exclude_none=True))
 
 
 def designed(tuning: Tuning, vessel: Vessel, limits: Vector3, *, trusted: bool = False) -> tuple[Vessel, ControlLaw]:
@@ -173,7 +173,7 @@ def preview(
             continue
         found[axis] = loop_figures(loops(law)[axis]) if axis in loops(law) else {}
         for name, aside in (("step", False), ("aside", True)):
-            shaped = filter_for(shaping, tuned, limits) if shaping else None
+            shaped = ReferenceFilter(motion_for(shaping, tuned, limits)) if shaping else None
             response = law_step(law, true, number, STEPS[axis], shaped, longest_s, dt_s, aside=aside)
             every = max(1, len(response.t_s) // POINTS)
             found[axis][name] = step_figures(response, limits[number]) | {

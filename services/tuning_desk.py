@@ -76,8 +76,8 @@ class TuningDesk:
             self._take(request.tuning, request.client, round(now_s * NS))
             reason = ""
         except TuningError as error:
-            reason = str(error)[:400]
-        return TuningAnswer(request_id=request.request_id, client=request.client, accepted=not reason, reason=reason)
+            reason = str(error)
+        return answered(request, reason)
 
     def _check(self, request: TuningRequest, helm: HelmState | None, now_s: float) -> None:
         """Raise TuningError when this client may not change the law now."""
@@ -111,3 +111,8 @@ class TuningDesk:
             loops={axis: gains(loop) for axis, loop in loops(self.law).items()},
             shaping=self._shaping,
         )
+
+
+def answered(request: TuningRequest, reason: str = "") -> TuningAnswer:
+    """Return the answer to a request: accepted, or why not."""
+    return TuningAnswer(request_id=request.request_id, client=request.client, accepted=not reason, reason=reason[:400])
