@@ -31,12 +31,14 @@ _BATCHES = 50
 _ILL_CONDITIONED = 1e7
 
 
-def regress(regressors: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def regress(
+    regressors: FloatArray, y: FloatArray, batches: int = _BATCHES
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return (theta, covariance, residuals) of y = Phi theta, (4.15).
 
     regressors: Phi, shape (n, p); y: shape (n,). The covariance (p, p) allows for residuals that are correlated in
-    time: sandwich estimate over batches of neighbouring rows. Raises IdentificationError when columns cannot be told
-    apart.
+    time: sandwich estimate over batches of neighbouring rows, nan for no more batches than parameters. Raises
+    IdentificationError when columns cannot be told apart.
     """
     n, p = regressors.shape
     if n < 2 * p:
@@ -54,9 +56,10 @@ def regress(regressors: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArr
     inverse = np.linalg.inv(normal)
     theta = inverse @ (phi.T @ y)
     residuals = y - phi @ theta
-    starts = np.unique(np.linspace(0, n, min(_BATCHES, n), endpoint=False, dtype=int))
+    starts = np.unique(np.linspace(0, n, min(batches, n), endpoint=False, dtype=int))
     scores = np.add.reduceat(phi * residuals[:, None], starts, axis=0)
-    covariance = inverse @ (scores.T @ scores) @ inverse * len(starts) / max(len(starts) - p, 1)
+    few = len(starts) / (len(starts) - p) if len(starts) > p else np.nan
+    covariance = few * inverse @ (scores.T @ scores) @ inverse
     return theta / scale, covariance / np.outer(scale, scale), residuals
 
 

@@ -100,6 +100,15 @@ def whole_periods(tau: FloatArray) -> NDArrayInt:
     return _enough(max(upward(tau), upward(-tau), key=len))
 
 
+def period(tau: FloatArray) -> float:
+    """Return the mean period of tau in samples, from a switch to the next of its kind; at least one is needed."""
+    switches = [upward(tau), upward(-tau)]
+    periods = sum(max(len(starts) - 1, 0) for starts in switches)
+    if periods == 0:
+        raise IdentificationError(f"0 whole oscillations are too few: record {FEWEST} at least, better 5")
+    return sum(float(starts[-1] - starts[0]) for starts in switches if len(starts)) / periods
+
+
 def _enough(starts: NDArrayInt) -> NDArrayInt:
     periods = max(len(starts) - 1, 0)
     if periods < FEWEST:

@@ -66,7 +66,7 @@ def from_record(
     whole = slice(starts[0], starts[-1])
     delta = -float(np.mean(tau[whole]))
     if drag == "linear":
-        nu = velocity(np.asarray(eta, dtype=float)[whole], dt_s, len(starts) - 1)
+        nu = velocity(np.asarray(eta, dtype=float)[whole], dt_s, 2.0 * np.pi / found.omega)
         delta += values[name] * float(np.mean(np.abs(nu) * nu))
     return Identified(
         method="self-oscillation, describing function",

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from marine.identification import harmonic, least_squares, self_oscillation, step, validation, zigzag
-from marine.identification.oscillation import upward
 from marine.identification.paper_tables import TABLE_7_12
 from marine.identification.relay_loop import RelayLoop
 from marine.identification.result import Drag, FloatArray, IdentificationError, Identified
@@ -182,22 +181,6 @@ def ship() -> dict[str, tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
         table = np.genfromtxt(path, delimiter=",", skip_header=1)
         runs[path.stem[-8:]] = (table[:, 0], np.unwrap(table[:, 5]), table[:, 6], table[:, 8])
     return runs
-
-
-def test_real_ship_methods_agree(ship: dict[str, tuple[FloatArray, FloatArray, FloatArray, FloatArray]]) -> None:
-    """Of the five zig-zags one has two whole periods of the rudder: projection within 10 % of least squares in drag."""
-    compared = 0
-    for t, psi, r, delta in ship.values():
-        squares = least_squares.uncoupled(t, delta, nu=r, drag="linear")
-        if len(upward(delta)) < 3:
-            with pytest.raises(IdentificationError, match="whole oscillations are too few"):
-                harmonic.project(t, psi, delta, drag="linear")
-            continue
-        compared += 1
-        projected = harmonic.project(t, psi, delta, drag="linear")
-        assert projected["beta_quadratic"] == pytest.approx(squares["beta_quadratic"], rel=0.10)
-        assert projected.warnings
-    assert compared == 1
 
 
 def test_real_ship_zig_zag_integrals_agree_with_least_squares(

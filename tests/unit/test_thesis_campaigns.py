@@ -95,7 +95,7 @@ def test_7_7_7_8_least_squares_on_a_coarse_compass_fail_for_inertia_at_small_mom
     assert squares[0] < 0.6
     assert np.mean(squares[-4:]) > 1.8 * squares[0]
     assert np.std(squares, ddof=1) > 2.5 * np.std(found, ddof=1) > 2.5 * np.std(projected, ddof=1)
-    assert np.max(np.abs(projected - 1.0)) < 0.03
+    assert np.max(np.abs(projected - 1.0)) < 0.04
 
 
 def test_7_8_7_17_projection_predicts_better_than_table_6_3() -> None:
