@@ -1,30 +1,29 @@
-"""The controller: holds the laws and runs the one that the helm names."""
+"""The controller: holds the guidance of all modes and runs the one that the helm names."""
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import Any
+from typing import Any, Literal
 
-from pydantic import Field, TypeAdapter, ValidationError, field_validator
+from pydantic import Field, field_validator
 
 from bus import topics
 from bus.clock import NS
 from bus.config import ConfigError, Section
-from bus.messages import AttainedWrench, ControlStatus, HelmState, NavigationState, Wrench
+from bus.messages import AttainedWrench, ControlStatus, HelmState, NavigationState, Shaping, Wrench
 from bus.service import Input, Output, Service
 from marine.allocation import axis_limits
-from marine.control.base import ZERO, ControlLaw, Reference, Vector3
+from marine.control.base import ZERO, ControlLaw, Vector3
 from marine.control.laws import known_laws
-from marine.frames import to_body, to_tank, wrap_angle
+from marine.control.tracking import missing_of
 from marine.guidance.reference_filter import MotionLimits, ReferenceFilter
 from marine.vessel import Vessel
+from services.guidance import Guidance, Seen, Tools, guidance_for
+from services.tuning import motion_for, parameters_of
+from services.tuning_desk import TuningDesk, answered
 
 STATUS_PERIOD_S = 0.2
 MAX_STEP_S = 0.25
 """Integrals do not advance further at once, whatever the gap between two navigation states."""
-
-APPROACH = 2.0
-"""Rate at which the reference filter goes out, in units of the vessel's w0."""
 
 
 class ReferenceFilterConfig(Section):
@@ -39,11 +38,14 @@ class ReferenceFilterConfig(Section):
     yaw_rate_rad_s: float | None = Field(None, gt=0)
     yaw_acceleration_rad_s2: float | None = Field(None, gt=0)
 
-    def filter_for(self, vessel: Vessel, limits: Vector3) -> ReferenceFilter:
-        """Return the filter for a vessel whose actuators reach `limits` on surge, sway and yaw."""
-        derived = vars(MotionLimits.of_vessel(vessel.model, limits, self.share, APPROACH * vessel.hold_w0_rad_s))
-        given = self.model_dump(exclude={"enabled", "share"}, exclude_none=True)
-        return ReferenceFilter(MotionLimits(**{**derived, **given}))
+    def motion(self, vessel: Vessel, limits: Vector3) -> MotionLimits:
+        """Return what the reference may do, of a vessel whose actuators reach `limits` on surge, sway and yaw."""
+        return motion_for(self.shaping, vessel, limits)
+
+    @property
+    def shaping(self) -> Shaping:
+        """The same table as control/gains tells it."""
+        return Shaping(**self.model_dump(exclude={"enabled"}))
 
 
 class ControllerConfig(Section):
@@ -56,6 +58,14 @@ class ControllerConfig(Section):
     reference_filter: ReferenceFilterConfig = Field(
         ReferenceFilterConfig(), description="a table: how a new reference is approached, docs/control.md"
     )
+    line: Literal["line_of_sight", "direct", "indirect"] = Field(
+        "line_of_sight", description="how a vessel that steers only follows lines: docs/guidance.md"
+    )
+    line_w0_rad_s: float | None = Field(None, gt=0, description="of direct and indirect; none: 0.7 of the heading's")
+    lookahead_m: float | None = Field(None, gt=0, description="of line_of_sight; none: from speed and heading loop")
+    approach_deg: float = Field(30.0, gt=0, lt=90, description="largest angle to a line on the way to it")
+    heading_w0_rad_s: float | None = Field(None, gt=0, description="heading on the way; none: the vessel file's [hold]")
+    speed_w0_rad_s: float | None = Field(None, gt=0, description="speed ahead; none: the vessel file's [hold]")
 
     @field_validator("positioning")
     @classmethod
@@ -72,7 +82,7 @@ class ControllerConfig(Section):
         for name in laws:
             if name not in known_laws():
                 raise ValueError(f"no law is called {name!r}; known: {', '.join(known_laws())}")
-        return {name: _parsed(known_laws()[name], values) for name, values in laws.items()}
+        return {name: parameters_of(known_laws()[name], values) for name, values in laws.items()}
 
     def build(self, name: str, vessel: Vessel, limits: Vector3) -> ControlLaw:
         """Return a law for a vessel; raise ConfigError when it cannot be designed."""
@@ -83,23 +93,12 @@ class ControllerConfig(Section):
             raise ConfigError(f"controller.laws.{name}: {error}") from None
 
 
-def _parsed(law: type[ControlLaw], values: Any) -> Any:
-    try:
-        return TypeAdapter(law.Parameters).validate_python(values)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key = ".".join(str(part) for part in (law.name, *first["loc"]))
-        if first["type"] == "unexpected_keyword_argument":
-            known = ", ".join(f.name for f in fields(law.Parameters))
-            raise ValueError(f"{key}: no such key; known: {known}") from None
-        raise ValueError(f"{key}: {first['msg']}") from None
-
-
 class Controller(Service):
     """Demand the wrench that brings the vessel to the helm's reference.
 
-    The law that the helm names demands one for every navigation state, also while the helm is suspended: it then
-    follows what the actuators attain, so that it takes over without a jump. Without a usable state it is silent.
+    The guidance that the helm names (`services.guidance`) demands one for every navigation state, also while the helm
+    is suspended: it then follows what the actuators attain, so that it takes over without a jump. Without a usable
+    state it is silent.
     """
 
     name = "controller"
@@ -107,34 +106,51 @@ class Controller(Service):
     navigation = Input(topics.NAVIGATION_STATE, max_age_s=0.25, wakes=True)
     helm = Input(topics.HELM_STATE, max_age_s=1.0)
     attained = Input(topics.ACTUATOR_ATTAINED, max_age_s=0.25)
+    former = Input(topics.CONTROL_STATUS)
+    tunings = Input(topics.OPERATOR_TUNING, queue=8, wakes=True)
+    former_gains = Input(topics.CONTROL_GAINS)
     wrench = Output(topics.CONTROL_WRENCH)
     status = Output(topics.CONTROL_STATUS)
+    gains = Output(topics.CONTROL_GAINS)
+    answer = Output(topics.CONTROL_ANSWER)
 
     def __init__(self, config: ControllerConfig, vessel: Vessel) -> None:
         X, Y, _, _, _, N = axis_limits(vessel)
         limits = (X, Y, N)
-        self._laws: dict[str, ControlLaw] = {}
+        shaping = config.reference_filter
+        motion = shaping.motion(vessel, limits)
+        self.tools = Tools(
+            vessel=vessel,
+            limits=limits,
+            positioning=None,
+            motion=motion,
+            filter=ReferenceFilter(motion) if shaping.enabled else None,
+            steering=config,
+        )
         try:
-            self._laws["positioning"] = config.build(config.positioning, vessel, limits)
+            self.tools.positioning = config.build(config.positioning, vessel, limits)
         except ConfigError as error:
             if {"X", "Y", "N"} <= set(vessel.controlled):
                 raise
-            self.note = f"{vessel.name} cannot hold a place: it controls {', '.join(vessel.controlled)} only; {error}"[
-                :400
-            ]
+            self.note = f"{vessel.name} cannot hold a place: it controls {', '.join(vessel.controlled)} only; {error}"
+        self._config, self._desk = config, self._tuning_desk(config)
+        self._guidance, missing = guidance_for(self.tools)
+        self.note = "; ".join([self.note, *missing] if self.note else missing)[:400]
+        if self.note:
             self.log.warning(self.note)
-        shaping = config.reference_filter
-        self._filter = shaping.filter_for(vessel, limits) if shaping.enabled else None
-        self._running: ControlLaw | None = None
-        self._error = ZERO  # from the helm's reference, whatever the filter makes of it
+        self._running: Guidance | None = None
         self._in_charge = False
+        self._order = ""
+        self._followed = ("", 0.0)
         self._ours = (True, True, True)
+        self._demand = ZERO
         self._state_ns = 0
         self._told_s = 0.0
 
     def step(self, now_s: float) -> None:
-        """Run the law once for each new navigation state."""
+        """Run the guidance once for each new navigation state."""
         helm = self.helm.fresh(now_s)
+        self._retune(helm, now_s)
         state = self.navigation.fresh(now_s)
         if helm is None or state is None or state.status not in ("tracking", "predicting"):
             self._running = None
@@ -143,41 +159,67 @@ class Controller(Service):
         self._in_charge = self._running is not None and helm is not None and not helm.suspended
         self._tell(now_s)
 
+    def _tuning_desk(self, config: ControllerConfig) -> TuningDesk | None:
+        law, shaping = self.tools.positioning, config.reference_filter
+        if law is None:
+            return None
+        parameters = config.laws.get(law.name, law.Parameters())
+        shape = shaping.shaping if shaping.enabled else None
+        return TuningDesk(self.tools.vessel, self.tools.limits, law, parameters, shape)
+
+    def _retune(self, helm: HelmState | None, now_s: float) -> None:
+        """Answer requests for another law or other gains; go on with them without a jump."""
+        desk = self._desk
+        if desk is None:
+            for request in self.tunings.take():
+                self.answer.publish(answered(request, self.note or "there is no law"))
+            return
+        changed, answers = desk.step(now_s, helm, self.former_gains.latest, self.tunings.take())
+        for answer in answers:
+            self.answer.publish(answer)
+        if changed:
+            self._exchange(desk.law, desk.vessel)
+        if (news := desk.news(now_s, changed=changed)) is not None:
+            self.gains.publish(news)
+
+    def _exchange(self, positioning: ControlLaw, vessel: Vessel) -> None:
+        """Take over from what acts by another law, and approach references as the vessel's model allows it."""
+        tools, shaping = self.tools, self._config.reference_filter
+        tools.positioning, tools.vessel, tools.motion = positioning, vessel, shaping.motion(vessel, tools.limits)
+        tools.filter = ReferenceFilter(tools.motion) if shaping.enabled else None
+        self._running = None
+
     def _control(self, helm: HelmState, state: NavigationState, now_s: float) -> None:
-        law, target = self._laws.get(helm.law), _reference(helm)
-        if law is None or target is None:
+        guidance = self._guidance.get(helm.law)
+        if guidance is None:
             self._running = None
             return
-        eta = (state.x_m, state.y_m, state.psi_rad)
-        nu = (state.surge_m_s, state.sway_m_s, state.yaw_rad_s)
-        attained = self.attained.fresh(now_s)
-        ours = _ours(helm)
-        if helm.suspended or law is not self._running or ours != self._ours:
-            law.follow(eta, nu, _given(attained))
-            if self._filter:
-                self._filter.start(eta, (*to_tank(nu[0], nu[1], eta[2]), nu[2]))
-            dt_s, missing = 0.0, ZERO
-        else:
-            dt_s = max(0.0, min(MAX_STEP_S, (state.stamp_ns - self._state_ns) / NS))
-            missing = _missing(attained)
-        self._ours = ours
-        target = _where_ours(target, eta, ours)
-        reference = self._shaped(dt_s, target) if all(ours) else Reference(target)
-        disturbance = ZERO if law.integral else _disturbance(state)
-        X, Y, N = law.step(dt_s, reference, eta, nu, missing, disturbance)
-        if not all(ours):  # integrals follow what others give on their axes; on ours they stay as they are
-            given = _given(attained)
-            law.engage(eta, nu, (X if ours[0] else given[0], Y if ours[1] else given[1], N if ours[2] else given[2]))
-        self._running, self._state_ns = law, state.stamp_ns
-        self._error = (target[0] - eta[0], target[1] - eta[1], wrap_angle(target[2] - eta[2]))
+        attained, ours = self.attained.fresh(now_s), _ours(helm)
+        entering = helm.suspended or guidance is not self._running or ours != self._ours
+        gap_s = (state.stamp_ns - self._state_ns) / NS
+        given, mine = _given(attained), (False, False, False) if helm.guard else ours
+        seen = Seen(
+            dt_s=0.0 if entering else max(0.0, min(MAX_STEP_S, gap_s)),
+            eta=(state.x_m, state.y_m, state.psi_rad),
+            nu=(state.surge_m_s, state.sway_m_s, state.yaw_rad_s),
+            given=given,
+            missing=ZERO if entering else missing_of(self._demand, given, _short(attained), mine),
+            disturbance=_disturbance(state),
+            ours=ours,
+            along_m=self._along_m(helm),
+        )
+        if entering:
+            guidance.engage(helm, seen)
+        self._demand = X, Y, N = guidance.step(helm, seen)
+        self._running, self._ours, self._state_ns, self._order = guidance, ours, state.stamp_ns, helm.request_id
         self.wrench.publish(Wrench(origin_ns=state.origin_ns, surge_n=X, sway_n=Y, yaw_nm=N))
 
-    def _shaped(self, dt_s: float, target: Vector3) -> Reference:
-        """Return the reference of this moment on the way to the target."""
-        if self._filter is None:
-            return Reference(target)
-        self._filter.step(dt_s, target)
-        return Reference(self._filter.eta, self._filter.rate, self._filter.acceleration)
+    def _along_m(self, helm: HelmState) -> float:
+        """Return how far the path of this request was followed, by this process or the one before it."""
+        former = self.former.latest
+        if former is not None and former.along_m is not None:
+            self._followed = former.request_id, former.along_m
+        return max(0.0, self._followed[1]) if self._followed[0] == helm.request_id else 0.0
 
     def _tell(self, now_s: float) -> None:
         if now_s - self._told_s < STATUS_PERIOD_S - 1e-3:  # steps come at 1/30 s, and round off
@@ -186,46 +228,21 @@ class Controller(Service):
         if self._running is None:
             self.status.publish(ControlStatus(law="", in_charge=False))
             return
-        e_x, e_y, e_psi = self._error
-        held_x, held_y, held_yaw = self._running.action
         attained = self.attained.fresh(now_s)
         self.status.publish(
             ControlStatus(
-                law=self._running.name,
                 in_charge=self._in_charge,
-                error_x_m=e_x,
-                error_y_m=e_y,
-                error_psi_rad=e_psi,
-                integral_x_n=held_x,
-                integral_y_n=held_y,
-                integral_yaw_nm=held_yaw,
                 saturated=attained is not None and attained.limited,
+                request_id=self._order,
+                **self._running.told(),
             )
         )
-
-
-def _reference(helm: HelmState) -> Vector3 | None:
-    """Return the wanted eta, or None when the helm leaves a part of it open."""
-    if helm.x_m is None or helm.y_m is None or helm.psi_rad is None:
-        return None
-    return helm.x_m, helm.y_m, helm.psi_rad
 
 
 def _ours(helm: HelmState) -> tuple[bool, bool, bool]:
     """Return which of surge, sway and yaw are the controller's."""
     surge, sway, yaw = (helm.sources.get(axis, "controller") == "controller" for axis in ("surge", "sway", "yaw"))
     return surge, sway, yaw
-
-
-def _where_ours(target: Vector3, eta: Vector3, ours: tuple[bool, bool, bool]) -> Vector3:
-    """Return the target on our axes, and the vessel's own place along the others (of the target's heading)."""
-    surge, sway, yaw = ours
-    heading = target[2] if yaw else eta[2]
-    if surge and sway:
-        return target[0], target[1], heading
-    ahead, aside = to_body(target[0] - eta[0], target[1] - eta[1], target[2])
-    x, y = to_tank(ahead * surge, aside * sway, target[2])
-    return eta[0] + x, eta[1] + y, heading
 
 
 def _disturbance(state: NavigationState) -> Vector3:
@@ -240,7 +257,7 @@ def _given(attained: AttainedWrench | None) -> Vector3:
     return attained.surge_n or 0.0, attained.sway_n or 0.0, attained.yaw_nm or 0.0
 
 
-def _missing(attained: AttainedWrench | None) -> Vector3:
+def _short(attained: AttainedWrench | None) -> Vector3:
     """Return [X Y N] attained less demanded: zero within the limits."""
     if attained is None or not attained.limited:
         return ZERO

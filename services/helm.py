@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 from pydantic import Field
 
@@ -23,39 +22,33 @@ from bus.messages import (
 )
 from bus.service import Input, Output, Service
 from marine.allocation import axis_limits
-from marine.frames import wrap_angle
+from marine.guidance.keep_inside import GAP_M, PoolGuard
 from marine.vessel import Vessel
+from services.helm_modes import (
+    AXIS_FIELDS,
+    CONTROLLER,
+    EXPERIMENT,
+    MANUAL,
+    MODES,
+    Checks,
+    Reference,
+    Refused,
+    Source,
+)
 
-Source = Literal["manual", "controller", "experiment"]
-_MANUAL: Source = "manual"
-_CONTROLLER: Source = "controller"
-_EXPERIMENT: Source = "experiment"
-
-HORIZONTAL = ("surge", "sway", "yaw")
-AXIS_FIELDS = {"surge": "surge_n", "sway": "sway_n", "heave": "heave_n", "yaw": "yaw_nm"}
-LAWS: dict[Mode, str] = {"hold": "positioning", "heading": "positioning", "experiment": "positioning"}
-"""Modes that a control law serves -> the law that the controller runs."""
-MODES: tuple[Mode, ...] = ("stop", "manual", "hold", "heading", "experiment")
-"""Modes that there are so far."""
 STATE_PERIOD_S = 0.2
 RESTORE_S = 1.0
 """How long a helm that has just started waits for its former state from the hub."""
+GUARD_TOLD_S = 0.5
+"""How long helm/state tells of the guard after it has last changed a wrench."""
 
 
 class HelmConfig(Section):
     """Section [helm]."""
 
     resume_within_s: float = Field(10.0, gt=0, description="suspended for longer: stop")
+    guard: bool = Field(True, description="no mode, the stick included, may drive the hull into a wall of the pool")
     request_max_age_s: float = Field(2.0, gt=0, description="an older request is refused: it may have lain somewhere")
-
-
-@dataclass(frozen=True)
-class Reference:
-    """Where to hold: position in {E} in m, heading in rad."""
-
-    x_m: float
-    y_m: float
-    psi_rad: float
 
 
 @dataclass
@@ -71,10 +64,6 @@ class Lease:
         return self.attended and self.holder not in ("", client) and now_s < self.expires_s
 
 
-class Refused(Exception):  # noqa: N818 - it is an answer, not an error
-    """A request that cannot be granted; the text is the reason."""
-
-
 class Helm(Service):
     """Grant requests, pass on the wrench of the source in charge, suspend when source or pose go silent."""
 
@@ -83,6 +72,7 @@ class Helm(Service):
     requests = Input(topics.OPERATOR_REQUEST, queue=32, wakes=True)
     joystick = Input(topics.OPERATOR_JOYSTICK, max_age_s=0.5, wakes=True)
     control = Input(topics.CONTROL_WRENCH, max_age_s=0.25, wakes=True)
+    guidance = Input(topics.CONTROL_STATUS, max_age_s=1.0)
     experiment = Input(topics.EXPERIMENT_WRENCH, max_age_s=0.25, wakes=True)
     progress = Input(topics.EXPERIMENT_STATUS, wakes=True)
     navigation = Input(topics.NAVIGATION_STATE, max_age_s=0.25)
@@ -95,13 +85,16 @@ class Helm(Service):
         self.config = config
         self.vessel = vessel
         self._limits = axis_limits(vessel)
+        self._checks = Checks(vessel)
+        self._guard = PoolGuard(vessel) if config.guard else None
+        self._guarded, self._guarded_s = "", -math.inf
         self._mode: Mode = "stop"
         self._fault = False
         self._suspended_at_s: float | None = None
         self._reason = ""
-        self._reference: Reference | None = None
+        self._reference = Reference()
         self._plan: ExperimentPlan | None = None
-        self._run = ""
+        self._request = ""
         self._lease = Lease()
         self._refused = 0
         self._restored = False
@@ -134,12 +127,11 @@ class Helm(Service):
             return
         self._restored = True
         expires_s = former.lease_expires_ns / NS
-        if former.mode not in ("manual", "hold", "heading") or now_s >= expires_s:
+        if former.mode in ("stop", "experiment") or former.mode not in MODES or now_s >= expires_s:
             return
         self._mode = former.mode
         self._lease = Lease(former.holder, former.attended, expires_s)
-        if former.x_m is not None and former.y_m is not None and former.psi_rad is not None:
-            self._reference = Reference(former.x_m, former.y_m, former.psi_rad)
+        self._reference, self._request = Reference.of(former), former.request_id
         self._suspend("the helm has started again", now_s)
 
     def _answer(self, request: OperatorRequest, now_s: float) -> None:
@@ -151,7 +143,7 @@ class Helm(Service):
             reason, accepted = str(refusal), False
             self._refused += 1
         self.answer.publish(
-            HelmAnswer(request_id=request.request_id, client=request.client, accepted=accepted, reason=reason)
+            HelmAnswer(request_id=request.request_id, client=request.client, accepted=accepted, reason=reason[:400])
         )
 
     def _grant(self, request: OperatorRequest, now_s: float) -> str:
@@ -185,30 +177,29 @@ class Helm(Service):
             self._end_lease("the operator's page is gone")
 
     def _end_lease(self, reason: str) -> None:
-        """Without an operator `manual` ends, `hold` goes on, an experiment and `heading` become `hold`."""
+        """Without an operator a mode stays, stops, or becomes `hold`, as its row says."""
         self._lease = Lease()
-        if self._mode == "manual":
+        afterwards = MODES[self._mode].afterwards
+        if afterwards == "stop":
             self._stop(reason)
-        elif self._mode in ("experiment", "heading"):
+        elif afterwards == "hold":
             self._hold_here(reason)
 
     def _enter(self, request: OperatorRequest, mode: Mode, now_s: float) -> str:
-        if mode not in MODES:
-            raise Refused(f"{self.vessel.name} has no mode {mode} yet; known: {', '.join(MODES)}")
-        if mode == "heading":  # the place is the stick's
-            request = request.model_copy(update={"x_m": None, "y_m": None})
-        reference = None if mode == "manual" else self._checked_reference(request, now_s)
+        self._checks.rule(mode)
+        reference = Reference()
+        if mode != "manual":
+            pose, problem = self._pose(now_s, mode)
+            if pose is None:
+                raise Refused(f"no {mode} without a pose: {problem}")
+            reference = self._checks.reference(request, mode, pose)
         self._plan = self._checked_plan(request) if mode == "experiment" else None
-        self._run = request.request_id
+        self._request = request.request_id
         entering = mode != self._mode
         self._mode, self._reference, self._fault = mode, reference, False
         if entering:
             self._reason, self._suspended_at_s = "", None
-        if reference is None:
-            return ""
-        if mode == "heading":
-            return f"psi {math.degrees(reference.psi_rad):.1f} deg"
-        return f"x {reference.x_m:.3f} m, y {reference.y_m:.3f} m, psi {math.degrees(reference.psi_rad):.1f} deg"
+        return str(reference)
 
     def _checked_plan(self, request: OperatorRequest) -> ExperimentPlan:
         """Return the plan of an experiment that the vessel has an axis for."""
@@ -221,105 +212,114 @@ class Helm(Service):
         return plan
 
     def _hold_here(self, reason: str) -> None:
-        """Give all axes to the controller: hold the place where the vessel is."""
-        state, margin, pool = self.navigation.latest, self.vessel.radius_m, self.vessel.pool
-        if state is not None:
-            x_m = max(margin, min(pool.length_x_m - margin, state.x_m))
-            y_m = max(margin, min(pool.length_y_m - margin, state.y_m))
-            self._reference = Reference(x_m, y_m, state.psi_rad)
-        self._mode, self._plan, self._reason = "hold", None, reason
+        """Give all axes to the controller: hold the place where the vessel is; a vessel that cannot do that stops."""
+        state = self.navigation.latest
+        if state is None or not self._checks.can_hold:
+            self._stop(reason)
+            return
+        self._hold(self._checks.here(state, GAP_M if self._guard else 0.0), reason)
 
-    def _checked_reference(self, request: OperatorRequest, now_s: float) -> Reference:
-        """Return the reference of a hold; what the request leaves open is where the vessel is now."""
-        pose, problem = self._pose(now_s)
-        if pose is None:
-            raise Refused(f"no hold without a pose: {problem}")
-        reference = Reference(
-            pose.x_m if request.x_m is None else request.x_m,
-            pose.y_m if request.y_m is None else request.y_m,
-            wrap_angle(pose.psi_rad if request.psi_rad is None else request.psi_rad),
-        )
-        margin, pool = self.vessel.radius_m, self.vessel.pool
-        if request.x_m is None and request.y_m is None:
-            return reference  # here is where it floats: never refused, not even at the wall
-        for axis, value, size in (("x", reference.x_m, pool.length_x_m), ("y", reference.y_m, pool.length_y_m)):
-            if not margin <= value <= size - margin:
-                raise Refused(f"{axis} must lie in {margin:.2f} ... {size - margin:.2f} m, inside the pool")
-        return reference
+    def _hold(self, reference: Reference, reason: str) -> None:
+        self._mode, self._reference, self._plan, self._reason = "hold", reference, None, reason
 
     # --- the switch -----------------------------------------------------------------------------------------
 
     def _steer(self, now_s: float) -> None:
         if self._mode == "experiment":
             self._watch_experiment()
-        if self._mode in LAWS:
+        if MODES[self._mode].law == "path":
+            self._watch_path(now_s)
+        if MODES[self._mode].law:
             self._pass_on_or_suspend(now_s)
         elif self._mode == "manual":
-            self._manual(now_s)
+            self._suspended_at_s = None
+            self._publish(self._stick(now_s), None, now_s)
         else:
             self._publish_zero()
 
-    def _manual(self, now_s: float) -> None:
-        """Pass on what the stick asks for."""
-        self._suspended_at_s = None
-        speed_m_s = _speed_m_s(self.navigation.fresh(now_s))
-        self.wrench.publish(HelmWrench(mode="manual", speed_m_s=speed_m_s, **self._stick(now_s)))
-
     def _stick(self, now_s: float) -> dict[str, float]:
         """Scale the stick with what the vessel can do on each axis; a silent or foreign joystick gives zero."""
-        stick, (X, Y, _, _, _, N) = self.joystick.fresh(now_s), self._limits
-        if stick is None or stick.client != self._lease.holder:
-            return {"surge_n": 0.0, "sway_n": 0.0, "yaw_nm": 0.0}
-        return {"surge_n": stick.surge * X, "sway_n": stick.sway * Y, "yaw_nm": stick.yaw * N}
+        stick, (X, Y, Z, _, _, N) = self.joystick.fresh(now_s), self._limits
+        ours = stick is not None and stick.client == self._lease.holder
+        surge, sway, heave, yaw = (stick.surge, stick.sway, stick.heave, stick.yaw) if stick and ours else (0.0,) * 4
+        wrench = {"surge_n": surge * X, "sway_n": sway * Y, "yaw_nm": yaw * N}
+        return wrench | ({"heave_n": heave * Z} if Z else {})
 
     def _watch_experiment(self) -> None:
         status = self.progress.latest
-        if status is not None and status.run == self._run and status.state not in ("idle", "running"):
+        if status is not None and status.run == self._request and status.state not in ("idle", "running"):
             self._hold_here(f"{status.name}: {status.reason or status.state}")
+
+    def _watch_path(self, now_s: float) -> None:
+        """At the end of a path: hold there, or stop."""
+        status = self.guidance.fresh(now_s)
+        if status is None or not status.arrived or status.request_id != self._request:
+            return
+        reason = "the end of the path is reached"
+        if not self._checks.can_hold:
+            self._stop(reason)
+            return
+        x_m, y_m, psi_rad = status.reference_x_m, status.reference_y_m, status.reference_psi_rad
+        self._hold(Reference(x_m, y_m, psi_rad, self._reference.z_m), reason)
 
     def _pass_on_or_suspend(self, now_s: float) -> None:
         """Pass on the wrench of the sources in charge while they and the pose are fresh; else suspend, later stop."""
         wrench, problem = self._demand(now_s)
-        state, lost = self._pose(now_s)
+        state, lost = self._pose(now_s, self._mode)
         problem = lost or problem
-        if not problem and wrench is not None:
+        if not problem and wrench is not None and state is not None:
             if self._suspended_at_s is not None or self._mode == "experiment":
                 self._suspended_at_s, self._reason = None, ""
             if self.control.updated or (self._plan and self.experiment.updated):
-                self._pass_on(wrench, state)  # never published twice: an old wrench stays old
+                self._publish(wrench, self.control.latest, now_s)  # never twice: an old wrench stays old
             return
         self._suspend(problem, now_s)
         if self._suspended_at_s is not None and now_s - self._suspended_at_s > self.config.resume_within_s:
             self._stop(f"suspended for {self.config.resume_within_s:.0f} s: {problem}", fault=True)
         self._publish_zero()
 
-    def _demand(self, now_s: float) -> tuple[Wrench | None, str]:
-        """Return the controller's wrench, with the axes of other sources from there, or None and who is silent."""
-        wrench = self.control.fresh(now_s)
-        if wrench is not None and self._mode == "heading":
-            return wrench.model_copy(update=self._stick(now_s) | {"yaw_nm": wrench.yaw_nm}), ""
-        if wrench is None or self._plan is None:
-            return wrench, "" if wrench else "no wrench from the controller"
-        part = self.experiment.fresh(now_s)
-        if part is None:
+    def _demand(self, now_s: float) -> tuple[dict[str, float] | None, str]:
+        """Return what the sources of all axes demand, or None and who is silent."""
+        control, part = self.control.fresh(now_s), self.experiment.fresh(now_s)
+        if control is None:
+            return None, "no wrench from the controller"
+        if self._plan and part is None:
             return None, "no wrench from the experiment"
-        field = AXIS_FIELDS[self._plan.axis]
-        return wrench.model_copy(update={field: getattr(part, field)}), ""
+        stick, demand = self._stick(now_s), {}
+        for axis, source in self._sources().items():
+            field = AXIS_FIELDS[axis]
+            value = stick[field] if source == MANUAL else getattr(part if source == EXPERIMENT else control, field)
+            if value is not None:
+                demand[field] = value
+        return demand, ""
 
-    def _pose(self, now_s: float) -> tuple[NavigationState | None, str]:
+    def _pose(self, now_s: float, mode: Mode) -> tuple[NavigationState | None, str]:
         """Return the estimated state if it may be used in this mode, or None and why not."""
         state = self.navigation.fresh(now_s)
         if state is None:
             return None, "the estimator is silent"
-        validity = self.vessel.validity
-        longest_s = validity.heading_s if self._mode == "heading" else validity.hold_s
+        longest_s: float = getattr(self.vessel.validity, f"{mode}_s", self.vessel.validity.hold_s)
         if state.status not in ("tracking", "predicting") or state.measurement_age_s > longest_s:
             return None, f"the pose is lost ({state.status}, last seen {state.measurement_age_s:.1f} s ago)"
         return state, ""
 
-    def _pass_on(self, wrench: Wrench, state: NavigationState | None) -> None:
-        speed_m_s, content = _speed_m_s(state), wrench.components()
-        self.wrench.publish(HelmWrench(mode=self._mode, origin_ns=wrench.origin_ns, speed_m_s=speed_m_s, **content))
+    def _publish(self, wrench: dict[str, float], origin: Wrench | None, now_s: float) -> None:
+        """Publish what acts: the guard has the last word."""
+        state = self.navigation.fresh(now_s)
+        if self._guard and state is not None and state.status in ("tracking", "predicting"):
+            (X, Y, N), why = self._guard.kept(
+                (wrench.get("surge_n", 0.0), wrench.get("sway_n", 0.0), wrench.get("yaw_nm", 0.0)),
+                (state.x_m, state.y_m, state.psi_rad),
+                (state.surge_m_s, state.sway_m_s, state.yaw_rad_s),
+                (state.disturbance_x_n or 0.0, state.disturbance_y_n or 0.0, state.disturbance_yaw_nm or 0.0),
+                (state.x_std_m or 0.0, state.y_std_m or 0.0),
+            )
+            if why:
+                wrench = wrench | {"surge_n": X, "sway_n": Y, "yaw_nm": N}
+                self._guarded, self._guarded_s = why, now_s
+        speed_m_s = math.hypot(state.surge_m_s, state.sway_m_s) if state else None
+        origin_ns = origin.origin_ns if origin else None
+        self.wrench.publish(HelmWrench(mode=self._mode, origin_ns=origin_ns, speed_m_s=speed_m_s, **wrench))
 
     def _publish_zero(self) -> None:
         self.wrench.publish(HelmWrench(mode=self._mode, surge_n=0.0, sway_n=0.0, yaw_nm=0.0))
@@ -331,34 +331,34 @@ class Helm(Service):
 
     def _stop(self, reason: str, *, fault: bool = False) -> None:
         self._mode, self._fault, self._reason = "stop", fault, reason
-        self._reference, self._suspended_at_s, self._plan = None, None, None
+        self._reference, self._suspended_at_s, self._plan = Reference(), None, None
         self._lease = Lease()
 
     def _tell(self, now_s: float) -> None:
         """Publish the latched state, at every change and five times a second."""
         if not self._restored:
             return  # it would overwrite the former state in the hub
+        guarded = self._guarded if self._mode != "stop" and now_s - self._guarded_s < GUARD_TOLD_S else ""
         content = (
             self._mode, self._fault, self._suspended_at_s is None, self._reason, self._reference, self._lease.holder,
-            self._refused, self._plan, self._run,
+            self._refused, self._plan, self._request, guarded,
         )  # fmt: skip
         if content == self._told and now_s - self._told_s < STATE_PERIOD_S:
             return
         self._told, self._told_s = content, now_s
-        reference = self._reference
         self.state.publish(
             HelmState(
                 mode=self._mode,
                 status="fault" if self._fault else "disarmed" if self._mode == "stop" else "armed",
                 suspended=self._suspended_at_s is not None,
                 reason=self._reason,
-                x_m=reference.x_m if reference else None,
-                y_m=reference.y_m if reference else None,
-                psi_rad=reference.psi_rad if reference else None,
+                **vars(self._reference),
+                request_id=self._request,
+                guard=guarded,
                 sources=self._sources(),
-                law=LAWS.get(self._mode, ""),
+                law=MODES[self._mode].law,
                 experiment=self._plan,
-                experiment_run=self._run if self._plan else "",
+                experiment_run=self._request if self._plan else "",
                 holder=self._lease.holder,
                 attended=self._lease.attended,
                 lease_expires_ns=round(self._lease.expires_s * NS),
@@ -368,17 +368,14 @@ class Helm(Service):
 
     def _sources(self) -> dict[str, Source]:
         """Return who has which axis."""
-        if self._mode == "stop":
-            return {}
-        everything = dict.fromkeys(HORIZONTAL, _MANUAL if self._mode in ("manual", "heading") else _CONTROLLER)
-        if self._mode == "heading":
-            everything["yaw"] = _CONTROLLER
-        return everything | ({self._plan.axis: _EXPERIMENT} if self._plan else {})
+        rule = MODES[self._mode]
+        sources = dict.fromkeys(rule.stick, MANUAL) | dict.fromkeys(rule.controller, CONTROLLER)
+        if not self._limits[2]:
+            sources.pop("heave", None)
+        if self._reference.z_m is not None:
+            sources["heave"] = CONTROLLER
+        return sources | ({self._plan.axis: EXPERIMENT} if self._plan else {})
 
     def stop(self, now_s: float) -> None:
         """Let go of the actuators."""
         self._publish_zero()
-
-
-def _speed_m_s(state: NavigationState | None) -> float | None:
-    return math.hypot(state.surge_m_s, state.sway_m_s) if state else None

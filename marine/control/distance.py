@@ -6,9 +6,9 @@ import math
 
 from marine.control.model_function import Coefficients
 from marine.control.preview import natural_time_s
-from marine.control.single_loop import TRACKING_TIME, SingleLoop
+from marine.control.single_loop import TRACKING_TIME, LimitedLoop
 from marine.control.stability import limited
-from marine.control.structures import STRUCTURES, LoopDesign, design
+from marine.control.structures import STRUCTURES, design
 from marine.vessel import DegreeOfFreedom
 
 
@@ -33,32 +33,18 @@ class DistanceKeeping:
 
         Raise ValueError when a design is not robustly stable, (8.22).
         """
-        self.distance = _Loop(limited(design(STRUCTURES["I-PD"], surge, a_d)), X_n)
-        self.angle = _Loop(limited(design(STRUCTURES["I-PD"], yaw, a_phi)), N_nm)
+        self.distance = _loop(surge, a_d, X_n)
+        self.angle = _loop(yaw, a_phi, N_nm)
 
     def steer(self, dt_s: float, phi_rad: float, r_rad_s: float) -> float:
         """Return N in Nm that turns the vessel towards the wall."""
-        return self.angle.step(dt_s, -phi_rad, phi_rad, r_rad_s)
+        return self.angle.step(dt_s, 0.0, phi_rad, r_rad_s)
 
     def drive(self, dt_s: float, reference_m: float, distance_m: float, phi_rad: float, u_m_s: float) -> float:
         """Return X in N that brings the vessel to the wanted distance."""
-        return self.distance.step(dt_s, distance_m - reference_m, -distance_m, u_m_s * math.cos(phi_rad))
+        return self.distance.step(dt_s, -reference_m, -distance_m, u_m_s * math.cos(phi_rad))
 
 
-class _Loop:
-    """A `SingleLoop` that starts from zero force where it is first stepped, within limits."""
-
-    def __init__(self, made: LoopDesign, limit: float) -> None:
-        self._loop, self._limit = SingleLoop(made, TRACKING_TIME * natural_time_s(made)), limit
-        self._before: float | None = None
-        self._missing = 0.0
-
-    def step(self, dt_s: float, error: float, eta: float, nu: float) -> float:
-        if self._before is None:
-            self._loop.follow(0.0, nu)
-            dt_s, self._before = 0.0, eta
-        self._loop.advance(dt_s, error, eta - self._before, self._missing)
-        wanted = self._loop.demand(nu)
-        tau = max(-self._limit, min(self._limit, wanted))
-        self._before, self._missing = eta, tau - wanted
-        return tau
+def _loop(dof: DegreeOfFreedom, a: Coefficients, limit: float) -> LimitedLoop:
+    made = limited(design(STRUCTURES["I-PD"], dof, a))
+    return LimitedLoop(made, limit, TRACKING_TIME * natural_time_s(made))

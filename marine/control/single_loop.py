@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from marine.control.structures import LoopDesign
+from marine.frames import wrap_angle
 
 TRACKING_TIME = 0.5
 """Usual T_t of the anti-windup, in units of 1/w0."""
@@ -51,4 +52,39 @@ class SingleLoop:
         tau = self.action - design.gains.derivative * nu + design.compensation(nu)
         if design.structure.d_on_error:
             tau += (design.gains.derivative - design.beta) * self._reference_rate
+        return tau
+
+
+class LimitedLoop:
+    """A `SingleLoop` within |tau| <= limit (N or Nm), which starts from zero force where it is first stepped.
+
+    What the limit takes goes to the anti-windup, with what the actuators take besides.
+    """
+
+    def __init__(self, design: LoopDesign, limit: float, tracking_time_s: float, *, angle: bool = False) -> None:
+        """angle: eta is one in (-pi, pi]; tracking_time_s: T_t."""
+        self.design, self.limit = design, limit
+        self.error = 0.0
+        self._loop = SingleLoop(design, tracking_time_s)
+        self._angle = angle
+        self._before: float | None = None
+        self._cut = 0.0
+
+    def follow(self, tau: float, eta: float, nu: float) -> None:
+        """Make ready to take over: the next demand, without time passing, is tau."""
+        self._loop.follow(tau, nu)
+        self._before, self._cut = eta, 0.0
+
+    def step(self, dt_s: float, reference: float, eta: float, nu: float, missing: float = 0.0) -> float:
+        """Return tau; missing: what the actuators gave of the demand before less that demand, N or Nm."""
+        if self._before is None:
+            self.follow(0.0, eta, nu)
+            dt_s, self._before = 0.0, eta
+        self.error, moved = reference - eta, eta - self._before
+        if self._angle:
+            self.error, moved = wrap_angle(self.error), wrap_angle(moved)
+        self._loop.advance(dt_s, self.error, moved, self._cut + missing)
+        wanted = self._loop.demand(nu)
+        tau = max(-self.limit, min(self.limit, wanted))
+        self._before, self._cut = eta, tau - wanted
         return tau

@@ -1,0 +1,131 @@
+"""The guard that keeps the hull inside the pool, whatever is demanded."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from marine.allocation import axis_limits
+from marine.control.base import Vector3
+from marine.frames import to_body, to_tank
+from marine.guidance.abilities import Abilities
+from marine.vessel import Vessel
+
+BRAKE_SHARE = 0.7
+"""Part of the force that braking counts on; the rest is for currents, rounding, and a model that errs."""
+GAP_M = 0.01
+"""The hull stays so far from the wall, and twice the standard deviation of the estimate further."""
+REACTION_S = 0.15
+"""From the picture to the thrusters' force."""
+RATE_1_S = 1.0
+"""Closer than deceleration / rate^2 the speed goes out exponentially."""
+CATCH_1_S = 2.0
+"""How quickly the speed is brought back to what is safe."""
+COASTING = 0.05
+"""A vessel that cannot push back coasts: down to this part of its speed it counts as stopped."""
+ACROSS = 0.1
+"""Cosine of the angle to the wall below which a vessel without sway can do nothing about it."""
+
+
+class PoolGuard:
+    """Lets a vessel go towards a wall no faster than it can brake before it.
+
+    safe(d): speed from which braking ends within distance d, from alpha v' = -(F + drag(v)), thesis (2.33), with
+    BRAKE_SHARE of the weakest force to any side and the smaller drag. The force towards a wall is limited to
+    alpha CATCH (safe(d) - v) + drag(v) - push: a control barrier function, A. D. Ames et al., ECC 2019 (arXiv
+    1903.11199), which holds the vessel off against a current, too. Where that asks for braking, everything else
+    (along the wall, yaw) gets what thrust is left.
+    """
+
+    def __init__(self, vessel: Vessel) -> None:
+        X, Y, _, _, _, N = axis_limits(vessel)
+        self._vessel, self._limits = vessel, (X, Y, N)
+        abilities = Abilities(vessel)
+        self._astern_n = X if abilities.astern_m_s > 0.0 else 0.0
+        model = vessel.model
+        forces, dofs = ([(X, Y)], (model.surge, model.sway)) if Y else ([], (model.surge,))
+        weakest = 1.0 / math.hypot(1.0 / X, 1.0 / Y) if forces else self._astern_n
+        self._surge, self._sway = model.surge, model.sway
+        slowest = 0.0 if weakest else COASTING * abilities.ahead_m_s
+        v = np.linspace(slowest, 3.0 * max(abilities.ahead_m_s, 1e-3), 2000)
+        force = BRAKE_SHARE * weakest + np.min([dof.beta * v + dof.beta_quadratic * v * v for dof in dofs], axis=0)
+        slowing = np.minimum(force / max(dof.alpha for dof in dofs), RATE_1_S * v) if weakest else force / dofs[0].alpha
+        per_speed = v / np.maximum(slowing, 1e-12)
+        per_speed[0] = 1.0 / RATE_1_S if weakest else per_speed[0]
+        way = np.concatenate([[0.0], np.cumsum(0.5 * (per_speed[1:] + per_speed[:-1]) * np.diff(v))])
+        self._way, self._speeds = way, v
+
+    def safe_m_s(self, distance_m: float) -> float:
+        """Return the largest speed towards a wall at a distance of the hull; negative where it is too near."""
+        if distance_m < 0.0:
+            return RATE_1_S * distance_m
+        return float(np.interp(distance_m, self._way, self._speeds))
+
+    def kept(
+        self, tau: Vector3, eta: Vector3, nu: Vector3, push: Vector3, std_m: tuple[float, float]
+    ) -> tuple[Vector3, str]:
+        """Return [X Y N] as it may act, and before which wall it was changed (empty: nowhere).
+
+        push: estimated disturbance in {E}; std_m: of the estimated place.
+        """
+        velocity = to_tank(nu[0], nu[1], eta[2])
+        caps: list[tuple[float, float, float, str]] = []  # normal in {E}, largest force along it, name
+        for axis, size in ((0, self._vessel.pool.length_x_m), (1, self._vessel.pool.length_y_m)):
+            for side in (-1.0, 1.0):
+                distance = size - eta[axis] if side > 0.0 else eta[axis]
+                speed = side * velocity[axis]
+                room = distance - self._vessel.radius_m - GAP_M - 2.0 * std_m[axis] - REACTION_S * max(0.0, speed)
+                normal = (side, 0.0) if axis == 0 else (0.0, side)
+                most = self._most(normal, eta[2], nu, self.safe_m_s(room) - speed, side * push[axis])
+                caps.append((*normal, most, f"{'xy'[axis]} = {size if side > 0.0 else 0.0:g} m"))
+        kept, walls = (self._to_all_sides if self._limits[1] else self._ahead_and_astern)(tau, eta[2], caps)
+        return kept, f"before the wall at {' and '.join(walls)}" if walls else ""
+
+    def _most(self, normal: tuple[float, float], psi: float, nu: Vector3, to_safe: float, push_n: float) -> float:
+        """Return the largest force towards a wall, N."""
+        ahead, aside = to_body(*normal, psi)
+        alpha = self._surge.alpha * ahead * ahead + self._sway.alpha * aside * aside
+        drag = self._surge.drag(nu[0]) * ahead + self._sway.drag(nu[1]) * aside
+        return alpha * CATCH_1_S * to_safe + drag - push_n
+
+    def _to_all_sides(
+        self, tau: Vector3, psi: float, caps: list[tuple[float, float, float, str]]
+    ) -> tuple[Vector3, list[str]]:
+        force, brake, walls = list(to_tank(tau[0], tau[1], psi)), [0.0, 0.0], []
+        for n_x, n_y, most, name in caps:
+            axis, side = (0, n_x) if n_x else (1, n_y)
+            if side * force[axis] <= most:
+                continue
+            walls.append(name)
+            force[axis] = side * most
+            if most < 0.0:
+                force[axis], brake[axis] = 0.0, side * most
+        if not walls:
+            return tau, walls
+        rest = (*to_body(force[0], force[1], psi), tau[2])
+        first = (*to_body(brake[0], brake[1], psi), 0.0)
+        share = self._share(first)
+        if share == 0.0:
+            return rest, walls
+        left = 0.0 if share >= 1.0 else min(1.0, (1.0 - share) / max(self._share(rest), 1e-12))
+        X, Y, N = (b / max(1.0, share) + left * r for b, r in zip(first, rest, strict=True))
+        return (X, Y, N), walls
+
+    def _share(self, tau: Vector3) -> float:
+        """Return which part of the actuators a wrench takes at most: the limits of single axes span their hull."""
+        return sum(abs(t) / limit for t, limit in zip(tau, self._limits, strict=True) if limit)
+
+    def _ahead_and_astern(
+        self, tau: Vector3, psi: float, caps: list[tuple[float, float, float, str]]
+    ) -> tuple[Vector3, list[str]]:
+        X, walls = tau[0], []
+        for n_x, n_y, most, name in caps:
+            ahead = to_body(n_x, n_y, psi)[0]
+            if abs(ahead) < ACROSS or X * ahead <= most:
+                continue
+            walls.append(name)
+            X = max(-self._astern_n, min(self._limits[0], most / ahead))
+        braking = walls and X * tau[0] <= 0.0 and self._astern_n
+        turn = max(0.0, 1.0 - abs(X) / self._limits[0]) if braking else 1.0
+        return (X, tau[1], turn * tau[2]), walls

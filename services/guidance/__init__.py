@@ -1,0 +1,25 @@
+"""Guidance by mode. Add a mode: a class in a file here, its import below, a row in `services.helm_modes`."""
+
+from __future__ import annotations
+
+from services.guidance.base import Guidance, Seen, Steering, Tools
+from services.guidance.pose import PoseKeeping
+from services.guidance.trajectory import Following
+
+GUIDANCE: tuple[type[Guidance], ...] = (PoseKeeping, Following)
+"""All there is; for one law the first that the vessel has the axes for."""
+
+__all__ = ["GUIDANCE", "Guidance", "Seen", "Steering", "Tools", "guidance_for"]
+
+
+def guidance_for(tools: Tools) -> tuple[dict[str, Guidance], list[str]]:
+    """Return the guidance of each law that the vessel can have, and why others are missing."""
+    found: dict[str, Guidance] = {}
+    missing: list[str] = []
+    for kind in GUIDANCE:
+        if kind.law not in found and set(kind.needs) <= set(tools.vessel.controlled):
+            try:
+                found[kind.law] = kind(tools)
+            except ValueError as error:
+                missing.append(f"no {kind.law}: {error}")
+    return found, missing

@@ -1,0 +1,91 @@
+"""What the controller does in a mode: one class a file in this folder, found by the law that helm/state names."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+from bus.messages import HelmState
+from marine.control.base import ControlLaw, Vector3
+from marine.guidance.reference_filter import MotionLimits, ReferenceFilter
+from marine.vessel import Axis, Vessel
+
+Ours = tuple[bool, bool, bool]
+"""Which of surge, sway and yaw are the controller's."""
+
+
+class Steering(Protocol):
+    """What a configuration says of steering, with the vessel's own values where it says nothing."""
+
+    line: str
+    heading_w0_rad_s: float | None
+    speed_w0_rad_s: float | None
+    line_w0_rad_s: float | None
+    lookahead_m: float | None
+    approach_deg: float
+
+
+@dataclass
+class Tools:
+    """What the guidance of all modes shares. `positioning` may be exchanged while it runs: then `engage` comes next."""
+
+    vessel: Vessel
+    limits: Vector3
+    """Largest |X|, |Y|, |N|."""
+    positioning: ControlLaw | None
+    motion: MotionLimits
+    """What the reference of a fully actuated vessel may do."""
+    filter: ReferenceFilter | None
+    """None: the law gets steps as they are."""
+    steering: Steering
+
+
+class Seen(NamedTuple):
+    """What there is to know in one step. eta, nu, tau as those of `ControlLaw`."""
+
+    dt_s: float
+    eta: Vector3
+    nu: Vector3
+    given: Vector3
+    """What the actuators give."""
+    missing: Vector3
+    """What they gave of the demand before less that demand; of an axis that another has: all that it gave."""
+    disturbance: Vector3
+    """As the estimator sees it, in {E}."""
+    ours: Ours
+    along_m: float
+    """How far this request's path was followed by a controller that was restarted, or before a pause; else 0."""
+
+
+class Guidance(ABC):
+    """What the controller does while helm/state names `law`. Pure: no clock, no bus.
+
+    `engage` comes before the first `step`, after every pause, and when the axes change hands; the next demand, with
+    dt_s = 0, shall be what the actuators give. A mode of the helm is a row of `services.helm_modes.MODES`.
+    """
+
+    law: ClassVar[str]
+    needs: ClassVar[tuple[Axis, ...]] = ()
+    """Axes that a vessel must control; of classes for the same law the first that fits is taken."""
+
+    def __init__(self, tools: Tools) -> None:
+        """Raise ValueError when the vessel cannot do it."""
+        self.tools = tools
+
+    @abstractmethod
+    def engage(self, order: HelmState, seen: Seen) -> None:
+        """Make ready to take over from what the actuators give."""
+
+    @abstractmethod
+    def step(self, order: HelmState, seen: Seen) -> Vector3:
+        """Return the demanded [X Y N] in N and Nm; what it says on axes that are not ours does not count."""
+
+    @abstractmethod
+    def told(self) -> dict[str, Any]:
+        """Return fields of control/status: law, errors, where the reference is."""
+
+
+def reference_told(eta: Vector3) -> dict[str, float]:
+    """Return the reference of this moment as control/status has it."""
+    return {"reference_x_m": eta[0], "reference_y_m": eta[1], "reference_psi_rad": eta[2]}
