@@ -176,7 +176,8 @@ class CalibrationState(Message):
     refused: Text = Field("", description="why the last request could not be followed")
     views: tuple[CalibrationView, ...] = ()
     coverage: tuple[Count, ...] = Field((), description="corners taken in each of 3 x 3 parts, row by row")
-    missing: tuple[Name, ...] = Field((), description="parts and tilts of which more is wanted, the next one first")
+    parts_missing: tuple[Name, ...] = Field((), description="parts with few or no corners, the next one first")
+    tilts_missing: tuple[Name, ...] = Field((), description="tilts of which more is wanted")
     rms_px: float | None = Field(None, description="reprojection error of all views")
     focal_px: float | None = None
     focal_std_px: float | None = None

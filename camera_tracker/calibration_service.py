@@ -168,21 +168,24 @@ class CameraCalibration(Service):
             self._try(session)
 
     def _try(self, session: _Session) -> Calibrated | str:
+        """Return the lens of the views, or why there is none."""
         from camera_tracker.calibration import CalibrationError, calibrate
 
         try:
-            solved = calibrate(session.taken.views, session.taken.size_px)
+            result = calibrate(session.taken.views, session.taken.size_px)
         except CalibrationError as error:
-            session.errors_px, session.advice = error.views_px, (str(error)[:400],)
-            return str(error)[:400]
-        session.errors_px, session.advice = solved.views_px, tuple(line[:400] for line in solved.advice)
-        return solved
+            reason = str(error)[:400]
+            session.errors_px, session.advice = error.views_px, (reason,)
+            return reason
+        session.errors_px = result.views_px
+        return result
 
     def _solve(self, session: _Session) -> str:
         result = self._try(session)
         if isinstance(result, str):
             return result
         session.state, session.solved, session.automatic = "solved", result, False
+        session.advice = tuple(line[:400] for line in result.advice)
         return ""
 
     def _save(self, session: _Session, now_s: float) -> str:
@@ -229,7 +232,8 @@ class CameraCalibration(Service):
                 for view, tilt in zip(taken.views, taken.tilts, strict=True)
             ),
             coverage=tuple(coverage(taken.views, taken.size_px).ravel().tolist()),
-            missing=(*taken.missing_parts(), *taken.missing_tilts()),
+            parts_missing=tuple(taken.missing_parts()),
+            tilts_missing=tuple(taken.missing_tilts()),
             rms_px=None if lens is None else lens.rms_px,
             focal_px=None if lens is None else lens.fx_px,
             focal_std_px=None if lens is None else lens.covariance[0][0] ** 0.5,

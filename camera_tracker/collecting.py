@@ -16,7 +16,7 @@ from camera_tracker.calibration import MIN_TILT_DEG, View, camera_matrix, missin
 from camera_tracker.sources import Image
 
 ENOUGH_VIEWS = 15
-TILTS = ("flat", "left", "right", "top", "bottom")
+TILTS = ("left", "right", "top", "bottom", "flat")
 """Which edge of the board is nearer to the camera, as the picture shows it."""
 VIEWS_A_TILT = 2
 STILL_WIDTHS_S = 0.04

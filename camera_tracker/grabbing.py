@@ -10,9 +10,27 @@ import cv2
 
 from camera_tracker.boards import Board
 from camera_tracker.collecting import Collection
-from camera_tracker.sources import Source, SourceError
+from camera_tracker.sources import Image, Source, SourceError
 
 _POLL_S = 0.005
+_SILENCE_S = 10.0
+
+
+def grab_picture(source: Source, settle_s: float) -> Image:
+    """Return a live source's newest picture after a time, or the first after that; a recording's first, at once.
+
+    Raises SourceError when the source fails, or gives no picture for `_SILENCE_S`.
+    """
+    begin_s, newest = time.monotonic(), None
+    try:
+        while newest is None or (source.live and time.monotonic() - begin_s < settle_s):
+            newest = source.read() or newest
+            if newest is None and not (source.live and time.monotonic() - begin_s < settle_s + _SILENCE_S):
+                raise SourceError(f"{source.uri}: no picture" + (f" for {_SILENCE_S:.0f} s" if source.live else ""))
+            time.sleep(_POLL_S)
+    finally:
+        source.close()
+    return newest.image
 
 
 def grab_views(source: Source, board: Board, folder: Path, count: int) -> Iterator[tuple[int, str]]:

@@ -122,6 +122,29 @@ def grab(  # noqa: PLR0917 - a command's options
 
 
 @app.command()
+def picture(
+    source: Annotated[str, typer.Argument(help="/dev/video0 or a number, a stream's address, sim://.")],
+    file: Annotated[Path, typer.Argument(help="Where it goes: .png, .jpg.")],
+    seconds: Annotated[float, typer.Option(min=0.0, help="Wait so long for the exposure to settle.")] = 1.0,
+) -> None:
+    """Take one picture, for `starboard camera place`."""
+    import cv2
+
+    from camera_tracker.grabbing import grab_picture
+    from camera_tracker.sources import PICTURE_SUFFIXES, SourceError, open_source
+    from services.catalog import run_dir
+
+    if file.suffix.lower() not in PICTURE_SUFFIXES:
+        raise CliError(f"{file}: call it .png or .jpg")
+    try:
+        image = grab_picture(open_source(source, run_dir()), seconds)
+    except SourceError as error:
+        raise CliError(str(error)) from None
+    _write(file, cv2.imencode(file.suffix, image)[1].tobytes())
+    print(f"{file}: {image.shape[1]} x {image.shape[0]} px")
+
+
+@app.command()
 def calibrate(  # noqa: PLR0917 - a command's options
     folder: Annotated[str, typer.Argument(help="Folder of pictures of the board.")],
     squares: Squares = "9x6",

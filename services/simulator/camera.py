@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from camera_tracker import marker
 from camera_tracker.sources import Image
 from marine.vessel import Vessel
+from services.simulator.board import HeldBoard
 
 _FINE = 4
 """Sprite px per picture px. Sampling the blurred sprite between its px then errs by less than 0.01 px."""
@@ -79,7 +81,7 @@ class Renderer:
         light: float = 1.0,
         square: SquareMarker | None = None,
     ) -> None:
-        camera = vessel.camera
+        self._camera = camera = vessel.camera
         self._light = light
         self._scale = camera.scale_px_per_m
         self._width, self._height = camera.width_px, camera.height_px
@@ -106,12 +108,14 @@ class Renderer:
         black: bool = False,
         motion_px: tuple[float, float] = (0.0, 0.0),
         spots: Sequence[Spot] = (),
+        board_at_s: float | None = None,
     ) -> Image:
         """Return the next frame (height, width, 3) BGR of a vessel at (x_m, y_m, psi_rad) in {E}.
 
         The buffer is used again by the next call. `shift_px`: how far everything is moved in the picture, as if the
         camera had been knocked (water at most 64 px); `black`: the lens is covered; `motion_px`: way of the vessel
-        during the exposure, in whose middle it is at (x_m, y_m); `spots`: reflections over the vessel.
+        during the exposure, in whose middle it is at (x_m, y_m); `spots`: reflections over the vessel; `board_at_s`: a
+        calibration board is before the lens, in the pose of that time.
         """
         self._frames += 1
         cut_x, cut_y = (int(v) for v in self._random.integers(0, 2 * _MARGIN, 2))
@@ -125,11 +129,17 @@ class Renderer:
         self._draw_vessel(*at, psi_rad, motion_px)
         for spot in spots:
             self._draw_spot(spot)
+        if board_at_s is not None:
+            self._board.draw(self._image, board_at_s)
         if self._light != 1.0:
             np.copyto(self._image, cv2.convertScaleAbs(self._image, alpha=self._light))
         cv2.add(self._image, self._cut(self._more, cut_x, cut_y), dst=self._image)
         cv2.subtract(self._image, self._cut(self._less, cut_x, cut_y), dst=self._image)
         return self._image
+
+    @cached_property
+    def _board(self) -> HeldBoard:
+        return HeldBoard(self._camera)
 
     def _cut(self, tile: Image, left: int, top: int) -> Image:
         return tile[top : top + self._height, left : left + self._width]

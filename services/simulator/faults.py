@@ -9,11 +9,12 @@ from bus.messages import SimulationFault
 
 @dataclass(frozen=True)
 class CameraFaults:
-    """Picture moved by so many pixels, black, or lost (part of the frames, in 0..1)."""
+    """Picture moved by so many pixels, black, lost (part of the frames, 0..1), or of a board before the lens."""
 
     shift_px: tuple[float, float] = (0.0, 0.0)
     black: bool = False
     dropout: float = 0.0
+    board: bool = False
 
     def after(self, order: SimulationFault) -> CameraFaults:
         """Return the faults after an order; one that does not concern the camera changes nothing."""
@@ -24,6 +25,8 @@ class CameraFaults:
                 return replace(self, black=order.active)
             case "dropout":
                 return replace(self, dropout=order.fraction if order.active else 0.0)
+            case "board":
+                return replace(self, board=order.active)
             case "clear":
                 return CameraFaults()
         return self

@@ -185,7 +185,11 @@ class Simulator(Service):
         if self._renderer is not None and self._frames is not None:
             lost = self._random.random() < self._camera.dropout
             if not lost:
-                image = self._renderer.render(x, y, psi, shift_px=self._camera.shift_px, black=self._camera.black)
+                faults = self._camera
+                board_at_s = now_s if faults.board else None
+                image = self._renderer.render(
+                    x, y, psi, shift_px=faults.shift_px, black=faults.black, board_at_s=board_at_s
+                )
                 self._frames.write(image, now_ns)
         current_x, current_y = self._world.current_m_s
         X, Y, N = self._world.tau

@@ -56,7 +56,7 @@ class PoseStandIn(Service):
         for truth in self.truth.take():
             self._frames += 1
             lost = self._random.random() < self._faults.dropout
-            if not lost and not self._faults.black:
+            if not (lost or self._faults.black or self._faults.board):
                 self._under_way.append(self._seen(truth))
         latency_ns = round(self._config.latency_s * NS)
         while self._under_way and self._under_way[0].stamp_ns + latency_ns <= round(now_s * NS):

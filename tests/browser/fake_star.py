@@ -12,6 +12,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
+from pathlib import Path
 from typing import TypeVar
 
 import cv2
@@ -20,9 +22,13 @@ import numpy as np
 from bus import messages as m
 from bus import topics
 from bus.clock import NS
+from bus.config import Deployment
 from bus.memory_bus import MemoryBus
 from bus.service import Input, Output, Service
 from bus.topics import Topic
+from camera_tracker.calibration_service import CameraCalibration
+from services.simulator.board import HELD_S, MOVED_S
+from services.simulator.camera import Renderer
 from services.vessels import load_vessel
 from ui.server import Page, PageConfig
 
@@ -99,7 +105,8 @@ class FakeVessel(Service):
         self.x, self.y, self.psi = 3.4, 1.9, 0.0
         self.nu = (0.0, 0.0, 0.0)
         self.frame = 0
-        self.black = False
+        self.black = self.board = False
+        self.pictures = 0
         self.faults: list[m.SimulationFault] = []
         self.circles = True
         self._noise = np.random.default_rng(1)
@@ -109,6 +116,7 @@ class FakeVessel(Service):
         self.faults += self.fault.take()
         for fault in self.fault.take():
             self.black = fault.active if fault.kind == "camera_black" else self.black and fault.kind != "clear"
+            self.board = fault.active if fault.kind == "board" else self.board and fault.kind != "clear"
         self._move(1.0 / self.rate_hz, now_s)
         self.frame += 1
         self._publish()
@@ -207,8 +215,16 @@ class FakeVessel(Service):
             cv2.circle(picture, self._pixel(0.0), 48, (70, 70, 70), -1, cv2.LINE_AA)
             cv2.circle(picture, self._pixel(0.13), 12, (40, 40, 230), -1, cv2.LINE_AA)
             cv2.circle(picture, self._pixel(-0.13), 18, (40, 200, 60), -1, cv2.LINE_AA)
+        self.pictures += 1
+        if self.board:  # held for two pictures in each of the simulator's poses
+            at_s = self.pictures // 2 * (HELD_S + MOVED_S)
+            picture = self._renderer.render(self.x, self.y, self.psi, board_at_s=at_s)
         data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 80])[1].tobytes()
         self.image.publish(m.CameraImage(frame=self.frame, width_px=800, height_px=600, data=data))
+
+    @cached_property
+    def _renderer(self) -> Renderer:
+        return Renderer(VESSEL)
 
     def _pixel(self, ahead_m: float) -> tuple[int, int]:
         x, y = self.x + ahead_m * math.cos(self.psi), self.y + ahead_m * math.sin(self.psi)
@@ -244,8 +260,9 @@ class FakeVessel(Service):
 class FakeStar:
     """The star on a `MemoryBus`, kept to real time by a thread of its own."""
 
-    def __init__(self, port: int = 0) -> None:
+    def __init__(self, port: int = 0, recordings: Path = Path("recordings")) -> None:
         self.helm, self.vessel = FakeHelm(), FakeVessel()
+        self.calibration = CameraCalibration(Deployment(recordings_dir=recordings))
         self.page = Page(PageConfig(port=port), VESSEL)
         self.joysticks: list[m.OperatorJoystick] = []
         self.requests: list[m.OperatorRequest] = []
@@ -280,7 +297,7 @@ class FakeStar:
         bus = MemoryBus()
         bus.tap(topics.OPERATOR_JOYSTICK, self.joysticks.append)
         bus.tap(topics.OPERATOR_REQUEST, self.requests.append)
-        for service in (self.page, self.helm, self.vessel):
+        for service in (self.page, self.helm, self.vessel, self.calibration):
             bus.add(service)
         self._ready.set()
         begin, start_s = time.monotonic(), bus.now_s

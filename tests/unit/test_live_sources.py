@@ -13,14 +13,16 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from camera_tracker import live
 from camera_tracker.boards import Chessboard
 from camera_tracker.devices import cameras
-from camera_tracker.grabbing import grab_views
+from camera_tracker.grabbing import grab_picture, grab_views
 from camera_tracker.live import CameraSource, StreamSource, configure
 from camera_tracker.settings import CameraSettings
 from camera_tracker.sources import Frame, Image, Source, SourceError, open_source
+from services.cli.camera import app as camera_app
 from tests.rendered_board import LENS, looking, seen_flat
 
 
@@ -224,6 +226,17 @@ def test_a_board_is_taken_when_it_is_held_still_in_a_new_pose(tmp_path: Path) ->
     assert [taken for taken, _ in steps] == [1, 2]
     assert "upper right" in steps[0][1] or "right" in steps[0][1]
     assert sorted(p.name for p in tmp_path.iterdir()) == ["board-01.png", "board-02.png"]
+
+
+def test_one_picture_is_taken_for_the_cameras_place(tmp_path: Path) -> None:
+    image = np.full((60, 80, 3), 77, np.uint8)
+    cv2.imwrite(str(tmp_path / "in.png"), image)
+    result = CliRunner().invoke(camera_app, ["picture", str(tmp_path / "in.png"), str(tmp_path / "pool.png")])
+    assert result.exit_code == 0, result.output
+    assert "80 x 60 px" in result.stdout
+    assert (cv2.imread(str(tmp_path / "pool.png")) == image).all()
+    with pytest.raises(SourceError, match="no picture"):
+        grab_picture(Showing([]), 0.0)
 
 
 def test_the_time_limits_of_a_stream_are_set() -> None:

@@ -1,5 +1,6 @@
 // The camera's picture with the pose that the tracker found in this very frame.
 
+import { CELLS } from "./calibration.js";
 import { age, fixed, text, DEG } from "./format.js";
 
 /** Good, good with a reason to look, in doubt: the tracker's own limits (camera_tracker/detectors/base.py). */
@@ -12,6 +13,7 @@ export class CameraView {
     this.context = this.canvas.getContext("2d");
     this.note = document.querySelector("#camera-note");
     this.shownAt = -Infinity;
+    this.unexamined = null; // {header, picture} that waits for the corners of a board
     this.canvas.style.aspectRatio = `${system.camera.width_px} / ${system.camera.height_px}`;
   }
 
@@ -22,17 +24,65 @@ export class CameraView {
     } catch {
       return; // not a picture: the note tells how old the last one is
     }
+    if (this.unexamined) this.draw(this.unexamined); // nobody looked for the board in it
+    this.unexamined = { header, picture };
+    if (this.calibration()) this.showExamined();
+    else this.draw(this.unexamined);
+  }
+
+  /** While the lens is calibrated a picture waits for the board's corners in it: else they would lag behind. */
+  showExamined() {
+    if (this.unexamined && this.calibration()?.frame === this.unexamined.header.frame) this.draw(this.unexamined);
+  }
+
+  calibration() {
+    const state = this.store.fresh("camera/calibration", 5);
+    return state && state.state !== "idle" ? state : null;
+  }
+
+  draw({ header, picture }) {
+    this.unexamined = null;
     const { canvas, context: c } = this;
     if (canvas.width !== picture.width || canvas.height !== picture.height)
       Object.assign(canvas, { width: picture.width, height: picture.height });
     c.drawImage(picture, 0, 0);
     picture.close();
     this.shownAt = performance.now();
+    const calibration = this.calibration();
+    if (calibration) {
+      this.drawCalibration(c, calibration, header.frame);
+      return;
+    }
     const pose = this.poseOf(header.frame);
     if (pose) {
       this.drawRegion(c, pose);
       this.drawPose(c, pose);
     }
+  }
+
+  /** The parts of the picture that the board has not been in, and its corners in this frame. */
+  drawCalibration(c, { parts_missing, corners_px, frame }, shownFrame) {
+    const { width, height } = this.canvas;
+    c.save();
+    for (const [i, name] of parts_missing.entries()) {
+      const at = CELLS.indexOf(name);
+      const box = [((at % 3) * width) / 3, (Math.floor(at / 3) * height) / 3, width / 3, height / 3];
+      c.fillStyle = i ? "#ffd16618" : "#ffd16648";
+      c.fillRect(...box);
+      c.strokeStyle = "#ffd166";
+      c.lineWidth = 1;
+      c.strokeRect(...box);
+    }
+    if (frame === shownFrame) {
+      c.strokeStyle = "#7dffb0";
+      c.lineWidth = Math.max(1.5, width / 500);
+      for (let i = 0; i + 1 < corners_px.length; i += 2) {
+        c.beginPath();
+        c.arc(corners_px[i] + 0.5, corners_px[i + 1] + 0.5, width / 160, 0, 2 * Math.PI);
+        c.stroke();
+      }
+    }
+    c.restore();
   }
 
   /** The pose of a frame out of the history of camera/pose; the nearest, if the page did not get that one. */
@@ -94,6 +144,11 @@ export class CameraView {
     this.canvas.classList.toggle("stale", silentS > 1.5);
     if (silentS > 1.5) {
       text(this.note, Number.isFinite(silentS) ? `no picture for ${age(silentS)}` : "no picture yet");
+      return;
+    }
+    const calibration = this.calibration();
+    if (calibration) {
+      text(this.note, `${calibration.hint} · ${calibration.views.length} views`);
       return;
     }
     const pose = this.store.fresh("camera/pose", 1);

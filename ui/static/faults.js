@@ -15,6 +15,7 @@ export class Faults {
       this.row("camera_shift", "Camera shifted", numbers("x_px", "x, px", "10", "1"), numbers("y_px", "y, px", "0", "1")),
       this.row("camera_black", "Black picture"),
       this.row("thruster_dead", "Thruster dead", thruster),
+      this.row("board", "Calibration board"),
       this.row("dropout", "Frames lost", numbers("fraction", "part", "0.5", "0.1")),
       h("button", { type: "button", class: "wide", onclick: () => this.send({ kind: "clear" }, "All faults cleared") }, "Clear all faults"),
     );

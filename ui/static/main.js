@@ -1,5 +1,6 @@
 // Puts the page together: what comes in goes to the store; what is drawn is drawn from the store.
 
+import { Calibration } from "./calibration.js";
 import { CameraView } from "./camera.js";
 import { Experiment } from "./experiment.js";
 import { Faults } from "./faults.js";
@@ -47,6 +48,7 @@ const table = new Table(store, plots, describe);
 const health = new Health(store, link, system);
 const experiment = new Experiment(helm, store);
 const faults = new Faults(link, store, system);
+const calibration = new Calibration(link, store);
 
 /** The reference in force, or where the vessel is: what a new choice starts from. */
 function acting() {
@@ -60,6 +62,7 @@ function onFrame(frame) {
   for (const answer of frame.answers) helm.answered(answer);
   if (frame.refused) toast(`The server refused a message: ${frame.refused}`, { level: "error" });
   helm.renew();
+  camera.showExamined();
   requestAnimationFrame(draw);
   if (performance.now() - aliveAt > 500) {
     aliveAt = performance.now();
@@ -141,6 +144,7 @@ setInterval(() => {
   table.tick();
   faults.tick();
   experiment.tick();
+  calibration.tick();
   camera.tick();
   helm.show();
 }, 250);

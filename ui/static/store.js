@@ -65,11 +65,14 @@ function* numbers(value) {
   for (const [path, leaf] of leaves(value)) if (typeof leaf === "number") yield [path, leaf];
 }
 
+const LONGEST_LIST = 12; // what is longer is no variable to read or plot: corners of a board, a recorded response
+
 /** Every leaf of a message, [path, value], without its header. */
 export function* leaves(value, prefix = "") {
   for (const [name, inner] of Object.entries(value)) {
     if (!prefix && HEADER.has(name)) continue;
-    if (inner !== null && typeof inner === "object") yield* leaves(inner, `${prefix}${name}.`);
+    if (Array.isArray(inner) && inner.length > LONGEST_LIST) yield [prefix + name, `${inner.length} values`];
+    else if (inner !== null && typeof inner === "object") yield* leaves(inner, `${prefix}${name}.`);
     else yield [prefix + name, inner];
   }
 }
