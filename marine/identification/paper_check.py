@@ -93,11 +93,17 @@ def yaw_parameters(r: printed.IsoRow, delay_s: float) -> tuple[float, float, flo
 
 
 def step_responses() -> Table:
-    """Return Table 7.10 from N, k_ss, eps_v by Table 4.1; alpha from the printed beta_rr (docs/errata.md)."""
+    """Return Table 7.10 from N, k_ss, eps_v by Table 4.1; alpha from the printed beta_rr (docs/errata.md).
+
+    N is printed with two decimals, its twelve sizes are equal steps: the line through them has N to more digits.
+    """
     done = []
+    sizes = np.unique([abs(r.N) for r in printed.TABLE_7_10])
+    equal_steps = np.polyval(np.polyfit(np.arange(len(sizes)), sizes, 1), np.arange(len(sizes)))
     for r in printed.TABLE_7_10:
-        _, beta = from_type_1(1e-2 * r.N, r.k_ss, 0.0, 0.0, "constant")
-        _, quadratic = from_type_1(1e-2 * r.N, r.k_ss, 0.0, 0.0, "linear")
+        N = 1e-2 * float(np.copysign(np.interp(abs(r.N), sizes, equal_steps), r.N))
+        _, beta = from_type_1(N, r.k_ss, 0.0, 0.0, "constant")
+        _, quadratic = from_type_1(N, r.k_ss, 0.0, 0.0, "linear")
         alpha = r.beta_quadratic * r.eps_v / log(2.0) * 1e-2
         ours = (1e4 * beta, 1e6 * quadratic, alpha)
         done.append(Row(f"N {r.N:g}", ours, (r.beta, r.beta_quadratic, r.alpha)))
