@@ -5,6 +5,10 @@ import signal
 
 from hypothesis import settings
 
+# Before numpy is loaded: the matrices here are small, and threads of two test processes that wait for each other
+# took a hundred times the time of one.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # A busy machine is no defect: an example may take as long as it takes, the whole test has its timeout.
 settings.register_profile("starboard", deadline=None)
 # In CI the examples are always the same: a rare one is found by a developer, not by somebody else's submission.
