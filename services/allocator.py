@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from typing import Literal
@@ -14,7 +15,9 @@ from bus.messages import AXES, WRENCH_FIELDS, ActuatorCommand, AttainedWrench, H
 from bus.service import Input, Output, Service
 from marine.allocation import vessel_allocation
 from marine.vessel import Vessel
+from services.actuator_health import Crew, Refused
 
+TELL_S = 1.0
 _DEMANDED_FIELDS = tuple(f"demanded_{field}" for field in WRENCH_FIELDS)
 _NEGLIGIBLE = 1e-6
 """Part of an axis' reach below which a difference is the solver's and not a limit's."""
@@ -27,6 +30,10 @@ class AllocatorConfig(Section):
     """Section [allocator]."""
 
     failed: tuple[str, ...] = Field((), description="actuators that do not work: they get zero, the others take over")
+    leave_out_detected: bool = Field(
+        True, description="treat a detected failure like that, as long as the others control all axes; false: report it"
+    )
+    leave_out_from: float = Field(0.5, gt=0, le=1, description="least part of the thrust that is lost for that")
     priority: dict[AxisName, float] = Field(
         {"yaw": 10.0}, description="weight of an axis when thrust is short, 1 where not named"
     )
@@ -46,9 +53,13 @@ class Allocator(Service):
     name = "allocator"
     rate_hz = 20.0
     wrench = Input(topics.HELM_WRENCH, max_age_s=0.25, wakes=True)
+    fault = Input(topics.ACTUATOR_FAULT)
+    order = Input(topics.OPERATOR_ACTUATOR, queue=16)
+    former = Input(topics.ACTUATOR_HEALTH)
     command = Output(topics.ACTUATOR_COMMAND)
     attained = Output(topics.ACTUATOR_ATTAINED)
     delivered = Output(topics.ACTUATOR_DELIVERED)
+    health = Output(topics.ACTUATOR_HEALTH)
 
     def __init__(self, config: AllocatorConfig, vessel: Vessel) -> None:
         self._names = [a.name for a in vessel.actuators]
@@ -56,27 +67,25 @@ class Allocator(Service):
             raise ConfigError(f"allocator: failed: no actuator {unknown[0]!r}; known: {', '.join(self._names)}")
         if any(weight <= 0.0 for weight in config.priority.values()):
             raise ConfigError("allocator: priority: weights must be positive")
+        priority = {AXES.index(axis): weight for axis, weight in config.priority.items()}
+        make = functools.partial(vessel_allocation, vessel, priority=priority, keep_direction=config.keep_direction)
         try:
-            self._allocation = vessel_allocation(
-                vessel,
-                priority={AXES.index(axis): weight for axis, weight in config.priority.items()},
-                failed=config.failed,
-                keep_direction=config.keep_direction,
-            )
+            least = config.leave_out_from if config.leave_out_detected else None
+            self._crew = Crew(self._names, make, config.failed, least)
         except ValueError as error:
             raise ConfigError(f"allocator: {error}") from None
-        if config.failed:
-            axes, rank = self._allocation.axes, self._allocation.rank
-            self.note = f"without {', '.join(config.failed)}: rank {rank} on {', '.join(AXES[i] for i in axes)}"
-            self.log.warning(self.note)
-        reach, axes = self._allocation.reach, self._allocation.axes
-        self._tolerances = [(axis, _NEGLIGIBLE * reach[axis]) for axis in axes]
-        self._ignored = [axis for axis in range(len(AXES)) if axis not in axes]
-        self._controlled = {WRENCH_FIELDS[axis] for axis in axes}
+        self._restored = False
+        self._told_s = 0.0
+        self._follow_crew()
         self._before_s = -math.inf
+
+    def start(self, now_s: float) -> None:
+        """Give the hub a second to tell what an operator said before."""
+        self._told_s = now_s
 
     def step(self, now_s: float) -> None:
         """Answer the wrench, or its silence with zero commands."""
+        self._watch_actuators(now_s)
         wrench = self.wrench.fresh(now_s)
         if wrench is None:
             self._stop_actuators()
@@ -87,6 +96,39 @@ class Allocator(Service):
     def stop(self, now_s: float) -> None:
         """Leave the actuators at zero."""
         self._stop_actuators()
+
+    def _follow_crew(self) -> None:
+        """Take the allocation of the actuators that work."""
+        self._allocation = allocation = self._crew.allocation
+        axes = allocation.axes
+        self._tolerances = [(axis, _NEGLIGIBLE * allocation.reach[axis]) for axis in axes]
+        self._ignored = [axis for axis in range(len(AXES)) if axis not in axes]
+        self._controlled = {WRENCH_FIELDS[axis] for axis in axes}
+        reason = self._crew.health().reason
+        if reason and reason != self.note:
+            self.log.warning(reason)
+        self.note = reason
+
+    def _watch_actuators(self, now_s: float) -> None:
+        """Leave out what has failed; say so at every change and once a second."""
+        before = self._crew.allocation
+        if not self._restored and self.former.latest is not None:
+            self._restored = True
+            self._crew.restore(self.former.latest)
+        for order in self.order.take():
+            try:
+                self._crew.obey(order)
+            except Refused as refusal:
+                self.note = str(refusal)
+                self.log.warning(self.note)
+        if self.fault.updated and self.fault.latest is not None:
+            self._crew.hear(self.fault.latest)
+        if self._crew.allocation is not before:
+            self._follow_crew()
+        elif now_s - self._told_s < TELL_S:
+            return
+        self._told_s, self._restored = now_s, True
+        self.health.publish(self._crew.health())
 
     def _allocate(self, wrench: HelmWrench, now_s: float) -> None:
         U = wrench.speed_m_s or 0.0

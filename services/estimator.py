@@ -20,6 +20,7 @@ from marine.dynamics.uncoupled import Tau
 from marine.estimation.ekf import Array, EkfTuning, PoseEkf, Verdict
 from marine.estimation.smoothing import CausalVelocities
 from marine.vessel import Sensor, Vessel
+from services.actuator_monitor import ActuatorMonitor, can_be_monitored
 
 WRENCH_HOLD_NS = 350_000_000
 """Without a new command the platform stops its thrusters: a delivered wrench counts no longer than this."""
@@ -46,6 +47,7 @@ class EstimatorConfig(Section):
     predicting_after_s: float = Field(0.1, gt=0)
     lost_after_s: float = Field(1.0, gt=0)
     ready_std_m_s: float = Field(0.03, gt=0, description="initialising until surge and sway are known so well")
+    fault_detection: bool = Field(True, description="look for actuators that do not give what they are commanded")
     smoothing_window: int = Field(15, ge=3)
     smoothing_order: int = Field(2, ge=1)
 
@@ -73,7 +75,10 @@ class Estimator(Service):
     position = Input(topics.SENSOR_POSITION, wakes=True, queue=16)
     compass = Input(topics.SENSOR_COMPASS, queue=16)
     delivered = Input(topics.ACTUATOR_DELIVERED, queue=16)
+    command = Input(topics.ACTUATOR_COMMAND, queue=16)
+    order = Input(topics.OPERATOR_ACTUATOR, queue=16)
     state = Output(topics.NAVIGATION_STATE)
+    fault = Output(topics.ACTUATOR_FAULT)
 
     def __init__(self, config: EstimatorConfig, vessel: Vessel) -> None:
         self._config = config
@@ -89,7 +94,12 @@ class Estimator(Service):
             position_m, heading_rad = max(position_m, _std(receiver)), max(heading_rad, _std(compass))
             self._lost_after_s = max(self._lost_after_s, 3.0 * receiver.sample_time_s + receiver.delay_s)
             self._ready_std_m_s = max(self._ready_std_m_s, position_m)  # as well as 1 s of the receiver shows it
-        unused = ("pose",) if self._instruments else ("position", "compass")
+        unused: tuple[str, ...] = ("pose",) if self._instruments else ("position", "compass")
+        self._monitor: ActuatorMonitor | None = None
+        if config.fault_detection and not self._instruments and can_be_monitored(vessel):
+            self._monitor = ActuatorMonitor(vessel)
+        else:
+            unused += ("command", "order", "fault")
         self.ports = {n: p for n, p in self.ports.items() if n not in unused}  # type: ignore[misc]  # of this object alone
         self._headings: deque[tuple[int, float]] = deque(maxlen=64)
         self._tuning = EkfTuning(
@@ -130,6 +140,16 @@ class Estimator(Service):
             if not self._acceptable(pose, now_ns) or not self._take_in(pose):
                 self._rejected += 1
         self._publish(now_ns)
+        if self._monitor is not None:
+            self._tell_faults(self._monitor, now_s)
+
+    def _tell_faults(self, monitor: ActuatorMonitor, now_s: float) -> None:
+        for command in self.command.take():
+            monitor.command(command)
+        for order in self.order.take():
+            monitor.order(order)
+        if message := monitor.tell(now_s):
+            self.fault.publish(message)
 
     def _fixes(self) -> list[CameraPose]:
         """Return the poses that instruments give: a position with the heading nearest to it in time."""
@@ -169,6 +189,8 @@ class Estimator(Service):
         else:
             self._measure(pose.stamp_ns, x_m, y_m, psi_rad)
         self._used_ns = pose.stamp_ns
+        if self._monitor is not None:
+            self._monitor.pose(pose.stamp_ns, x_m, y_m, psi_rad)
         return True
 
     def _forget(self) -> None:

@@ -123,7 +123,7 @@ def test_a_failed_thruster_rests_and_the_others_do_its_work() -> None:
     assert command.commands["front_port"] == 0.0
     beat = bus.last(topics.HEARTBEAT.of("allocator"))
     assert beat is not None
-    assert beat.note == "without front_port: rank 3 on surge, sway, yaw"
+    assert beat.note == "front_port has failed (configuration); rank 3 on surge, sway, yaw"
     bus.publish(topics.HELM_WRENCH, HelmWrench(mode="manual", surge_n=0.3, sway_n=0.2, yaw_nm=0.05))
     bus.run_for(0.0)
     attained = bus.last(topics.ACTUATOR_ATTAINED)

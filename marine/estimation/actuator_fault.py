@@ -1,0 +1,254 @@
+"""Which actuator does not give what it is commanded, from commands and measured poses: generalised likelihood ratios.
+
+A Kalman filter (`marine.estimation.ekf`) follows the vessel with the wrench that sound actuators would give, and with
+the disturbance as a slow random walk: a current. An actuator that fails pushes the filter's errors in a way that its
+thrusts foretell, its signature (Willsky and Jones, A generalized likelihood ratio approach to the detection and
+estimation of jumps in linear systems, IEEE Trans. Automatic Control 21, 1976). For each actuator, each kind of failure
+and each of some times at which it may have begun, the innovations are fitted by the signature: how much of the thrust
+is lost, and how much likelier that is than that nothing failed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, Self
+
+import numpy as np
+
+from marine.estimation.ekf import Array, EkfTuning, PoseEkf, Verdict
+from marine.frames import wrap_angle
+from marine.vessel import HorizontalModel
+
+Kind = Literal["weak", "stuck"]
+_MOST = 1.1
+"""Largest part of the thrust that a failure may take: 1, and an error of the characteristic."""
+_AXES = 3
+
+
+@dataclass(frozen=True)
+class FaultTuning:
+    """What the filter believes, and when it speaks. `_walk` as in EkfTuning; `_error`: standard deviations, as parts.
+
+    thrust_error: of each actuator's thrust; drag_error, inertia_error: of the model on each axis.
+    """
+
+    position_m: float = 0.0015
+    heading_rad: float = 0.003
+    velocity_walk_m_s: float = 0.002
+    yaw_rate_walk_rad_s: float = 0.003
+    force_walk_n: float = 0.02
+    moment_walk_nm: float = 0.0003
+    thrust_error: float = 0.1
+    drag_error: float = 0.2
+    inertia_error: float = 0.1
+    window_s: float = 10.0
+    """Longest time over which a failure is looked for, in `windows` steps of its beginning."""
+    windows: int = 5
+    threshold: float = 12.0
+    """Least logarithm of the likelihood ratio against nothing failed."""
+    margin: float = 4.0
+    """Least logarithm of the likelihood ratio against the next actuator."""
+    confirm: int = 3
+    """So many steps in a row must say the same."""
+    least_loss: float = 0.4
+    misfit: float = 2.5
+    """Largest mean square of what the failure leaves unexplained, relative to the filter's: a wall, a collision."""
+
+    @classmethod
+    def of_vessel(cls, model: HorizontalModel, columns: Sequence[Sequence[float]], most_n: Sequence[float]) -> Self:
+        """Return the tuning for a vessel: the walks in proportion to what its actuators can do. Chosen on PlaDyPos.
+
+        columns: see FaultDetector; most_n: largest thrust of each actuator.
+        """
+        X, Y, N = (sum(abs(c[axis]) * most for c, most in zip(columns, most_n, strict=True)) for axis in range(_AXES))
+        force = max(X, Y)
+        return cls(
+            velocity_walk_m_s=0.02 * force / model.surge.alpha,
+            yaw_rate_walk_rad_s=0.0015 * N / model.yaw.alpha,
+            force_walk_n=0.008 * force,
+            moment_walk_nm=0.0003 * N,
+        )
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A failed actuator: its number, the part of its thrust that is lost, how sure (log likelihood ratio)."""
+
+    actuator: int
+    kind: Kind
+    lost: float
+    ratio: float
+
+
+class FaultDetector:
+    """The filter and its hypotheses at one moment.
+
+    Besides the failures each window knows the signatures of what the model may be wrong about: the thrust of each
+    actuator, drag and inertia of each axis. They have a Gaussian prior and are integrated out, so that a vessel that
+    moves otherwise than its model is none with a failure. Columns: n losses of thrust, 6 errors of the model, n
+    actuators that are stuck where they were.
+    """
+
+    def __init__(
+        self, model: HorizontalModel, columns: Sequence[Sequence[float]], tuning: FaultTuning = FaultTuning()
+    ) -> None:
+        """columns: [X Y N] of 1 N of each actuator, n x 3."""
+        self.tuning = tuning
+        self._axes = (model.surge, model.sway, model.yaw)
+        self._model = model
+        self._columns = np.array(columns, dtype=float).T
+        self._inertia = np.array([axis.alpha for axis in self._axes])
+        n = self._size = self._columns.shape[1]
+        self.lost = np.zeros(n)
+        """Part of each actuator's thrust that is known to be lost."""
+        self.finding: Finding | None = None
+        """The likeliest failure at the last step, sure or not; None without any sign of one."""
+        self._ekf: PoseEkf | None = None
+        self._ekf_tuning = replace(
+            EkfTuning(),
+            position_m=tuning.position_m,
+            heading_rad=tuning.heading_rad,
+            velocity_walk_m_s=tuning.velocity_walk_m_s,
+            yaw_rate_walk_rad_s=tuning.yaw_rate_walk_rad_s,
+            force_walk_n=tuning.force_walk_n,
+            moment_walk_nm=tuning.moment_walk_nm,
+        )
+        self._noise = np.diag([tuning.position_m**2, tuning.position_m**2, tuning.heading_rad**2])
+        errors = [tuning.thrust_error] * n + [tuning.drag_error] * _AXES + [tuning.inertia_error] * _AXES
+        self._prior = np.diag(np.power(errors, -2.0))
+        self._width = 2 * n + 2 * _AXES
+        windows = tuning.windows
+        self._error = np.zeros((9, windows, self._width))
+        self._information = np.zeros((windows, self._width, self._width))
+        self._score = np.zeros((windows, self._width))
+        self._energy, self._count = np.zeros(windows), np.zeros(windows)
+        self._origin = np.zeros((windows, n))
+        self._age_s, self._next, self._agreed = 0.0, 0, 0
+
+    def restart(self) -> None:
+        """Forget the vessel, keep what is known to be lost: it was moved, or not seen for long."""
+        self._ekf, self.finding, self._agreed = None, None, 0
+
+    def step(self, dt_s: float, thrusts: Sequence[float], x_m: float, y_m: float, psi_rad: float) -> Finding | None:
+        """Take in a pose, and the mean thrusts in N as commanded since the pose before, dt_s (some 0.2 s) ago.
+
+        Return a failure that is certain, once: from then on it counts as known.
+        """
+        commanded = np.array(thrusts)
+        if self._ekf is None:
+            self._ekf = PoseEkf(self._model, self._ekf_tuning, x_m, y_m, psi_rad)
+            for window in range(self.tuning.windows):
+                self._begin(window, commanded)
+            return None
+        self._predict(self._ekf, dt_s, commanded)
+        if self._update(self._ekf, x_m, y_m, psi_rad) is Verdict.JUMPED:
+            self.restart()
+            return None
+        self._age_s += dt_s
+        if self._age_s >= self.tuning.window_s / self.tuning.windows:
+            self._age_s = 0.0
+            self._next = (self._next + 1) % self.tuning.windows
+            self._begin(self._next, commanded)
+        before = self.finding
+        self.finding, sure = self._likeliest()
+        same = before is not None and self.finding is not None and before.actuator == self.finding.actuator
+        self._agreed = (self._agreed + 1 if same else 1) if sure else 0
+        if self.finding is None or self._agreed < self.tuning.confirm:
+            return None
+        found = self.finding
+        self.lost[found.actuator] = found.lost
+        self.restart()  # what the estimate of the loss misses is no second failure
+        return found
+
+    def _begin(self, window: int, thrusts: Array) -> None:
+        """Let a window ask for failures that begin now."""
+        self._error[:, window] = 0.0
+        self._information[window] = self._score[window] = 0.0
+        self._energy[window] = self._count[window] = 0.0
+        self._origin[window] = thrusts
+
+    def _predict(self, ekf: PoseEkf, dt_s: float, thrusts: Array) -> None:
+        n = self._size
+        tau = self._columns @ (thrusts * (1.0 - self.lost))
+        psi, before = ekf.state[2], np.array(ekf.state[3:])
+        drag = np.array([axis.drag(nu) for axis, nu in zip(self._axes, before.tolist(), strict=True)])
+        F = ekf.predict(dt_s, (float(tau[0]), float(tau[1]), float(tau[2])))
+        forces = np.zeros((_AXES, self.tuning.windows, self._width))
+        forces[:, :, :n] = (self._columns * thrusts)[:, None, :]
+        forces[:, :, -n:] = self._columns[:, None, :] * (thrusts - self._origin)
+        for axis in range(_AXES):
+            forces[axis, :, n + axis] = drag[axis]
+            forces[axis, :, n + _AXES + axis] = tau[axis] - drag[axis]
+        gained = -dt_s / self._inertia[:, None, None] * forces
+        c, s = 0.5 * dt_s * math.cos(psi), 0.5 * dt_s * math.sin(psi)
+        error = (F @ self._error.reshape(9, -1)).reshape(self._error.shape)
+        error[0] += c * gained[0] - s * gained[1]
+        error[1] += s * gained[0] + c * gained[1]
+        error[2] += 0.5 * dt_s * gained[2]
+        error[3:6] += gained
+        self._error = error
+
+    def _update(self, ekf: PoseEkf, x_m: float, y_m: float, psi_rad: float) -> Verdict:
+        x, y, psi = ekf.state[:3]
+        innovation = np.array([x_m - x, y_m - y, wrap_angle(psi_rad - psi)])
+        PH = ekf.covariance[:, :3]
+        S_inverse = np.linalg.inv(PH[:3] + self._noise)
+        verdict = ekf.update(x_m, y_m, psi_rad)
+        if verdict is not Verdict.USED:
+            return verdict
+        signature = self._error[:3].transpose(1, 0, 2)
+        weighted = S_inverse @ signature
+        self._information += signature.transpose(0, 2, 1) @ weighted
+        self._score += innovation @ weighted
+        self._energy += innovation @ S_inverse @ innovation
+        self._count += 1.0
+        self._error = self._error - (PH @ weighted.transpose(1, 0, 2).reshape(_AXES, -1)).reshape(self._error.shape)
+        return verdict
+
+    def _likeliest(self) -> tuple[Finding | None, bool]:
+        """Return the likeliest failure, and whether it is certain."""
+        t, n = self.tuning, self._size
+        own = np.maximum(np.diagonal(self._information, axis1=1, axis2=2), 1e-12)
+        alone = np.square(np.maximum(self._score, 0.0)) / own
+        alone[:, n:-n] = 0.0
+        if alone.max() < t.threshold:  # 2 ln of the ratio if the model were exact: at most
+            return None, False
+        kinds: tuple[Kind, ...] = ("weak", "stuck")
+        mean, precision = self._marginal()
+        loss = np.clip(mean, 0.0, _MOST)
+        loss[:, 1] = 1.0  # what sticks does not follow at all
+        ratio = precision * (loss * mean - 0.5 * np.square(loss))
+        spread = precision[:, 0] * t.thrust_error**2  # what a thrust within its error explains as well
+        ratio[:, 0] -= 0.5 * np.square(mean[:, 0]) * precision[:, 0] * spread / (1.0 + spread)
+        ratio[loss < t.least_loss] = 0.0
+        of_actuator = ratio.max(axis=(0, 1))
+        best = int(of_actuator.argmax())
+        window, kind = divmod(int(ratio[:, :, best].argmax()), len(kinds))
+        found = float(ratio[window, kind, best])
+        if found <= 1.0:
+            return None, False
+        lost = min(1.0, float(loss[window, kind, best]))
+        left = (self._energy[window] - 2.0 * found) / max(1.0, _AXES * self._count[window])
+        others = max((float(x) for i, x in enumerate(of_actuator) if i != best), default=0.0)
+        sure = found > t.threshold and found - others > t.margin and left < t.misfit
+        return Finding(best, kinds[kind], lost, found), bool(sure)
+
+    def _marginal(self) -> tuple[Array, Array]:
+        """Return what the data say of each loss, weak and stuck, in each window: mean and precision, (windows, 2, n).
+
+        What the model may be wrong about is integrated out; of a weak actuator its own prior is taken away again.
+        """
+        n = self._size
+        known, stuck = slice(0, -n), slice(-n, None)
+        covariance = np.linalg.inv(self._information[:, known, known] + self._prior)
+        estimate = np.einsum("wij,wj->wi", covariance, self._score[:, known])
+        variance = np.diagonal(covariance, axis1=1, axis2=2)[:, :n]
+        weak = np.maximum(1.0 / variance - self._prior[0, 0], 1e-12)
+        weak_mean = estimate[:, :n] / variance / weak
+        cross = self._information[:, stuck, known]
+        explained = np.einsum("wij,wjk,wik->wi", cross, covariance, cross)
+        sticking = np.maximum(np.diagonal(self._information, axis1=1, axis2=2)[:, stuck] - explained, 1e-12)
+        stuck_mean = (self._score[:, stuck] - np.einsum("wij,wj->wi", cross, estimate)) / sticking
+        return np.stack((weak_mean, stuck_mean), axis=1), np.stack((weak, sticking), axis=1)
