@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from bus.messages import AxisModel, LoopGains, Shaping, TunedAxis, Tuning
+from marine.allocation import axis_limits
 from marine.control.base import ControlLaw, Vector3
 from marine.control.laws import known_laws
 from marine.control.preview import StepResponse, law_step
@@ -31,6 +32,12 @@ POINTS = 80
 
 class TuningError(ValueError):
     """A tuning that is not engaged; the message says why, in one line."""
+
+
+def horizontal_limits(vessel: Vessel) -> Vector3:
+    """Return the largest |X|, |Y|, |N| of a vessel's actuators, each alone."""
+    X, Y, _, _, _, N = axis_limits(vessel)
+    return X, Y, N
 
 
 def parameters_of(law: type[ControlLaw], values: Any) -> Any:

@@ -17,7 +17,7 @@ from pydantic_core import from_json
 from bus import topics
 from bus.clock import NS
 from bus.config import Section
-from bus.messages import HelmAnswer, Message
+from bus.messages import HelmAnswer, Message, TuningAnswer
 from bus.service import Output, RawInput, Service, first_line
 from bus.topics import Qos, Topic
 from bus.units import unit_of
@@ -25,6 +25,7 @@ from marine.actuators import Drive
 from marine.control.laws import laws_document
 from marine.vessel import INSTRUMENTS, Vessel
 from ui.session import Update
+from ui.tuning import Previews
 
 if TYPE_CHECKING:
     from ui.web import WebServer
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 _RETRY_S = 2.0
 _MAX_KEYS = 1000
 _MAX_BYTES = 65_536
+_ANSWERS: dict[str, type[HelmAnswer]] = {topics.HELM_ANSWER.key: HelmAnswer, topics.CONTROL_ANSWER.key: TuningAnswer}
 
 
 class PageConfig(Section):
@@ -53,11 +55,13 @@ class Page(Service):
     request = Output(topics.OPERATOR_REQUEST)
     fault = Output(topics.SIMULATION_FAULT)
     calibration = Output(topics.OPERATOR_CALIBRATION)
+    tuning = Output(topics.OPERATOR_TUNING)
 
     def __init__(self, config: PageConfig, vessel: Vessel) -> None:
         self.port: int | None = None
         """The port it listens on, None before."""
         self._config = config
+        self._previews = Previews(vessel)
         self._documents = {
             "/api/system": json.dumps(system_document(vessel, config.title)).encode(),
             "/api/topics": json.dumps(topics_document()).encode(),
@@ -131,7 +135,7 @@ class Page(Service):
             return
         self.note = ""
         self.port = listener.getsockname()[1]
-        self._web = WebServer(self._documents, self.submit, self._config.names)
+        self._web = WebServer(self._documents, self.submit, self._config.names, {"/api/tuning": self._previews})
         self._web.start(listener)
         self.log.info("the operator's page: http://%s:%d/", host, self.port)
 
@@ -140,8 +144,8 @@ class Page(Service):
         answers: list[tuple[str, bytes]] = []
         for key, payload, _ in self.everything.take():
             newest[key] = payload
-            if key == topics.HELM_ANSWER.key and self._fits(key, payload):
-                answers.append((HelmAnswer.decode(payload).client, payload))
+            if key in _ANSWERS and self._fits(key, payload):
+                answers.append((_ANSWERS[key].decode(payload).client, payload))
         good = {key: payload for key, payload in newest.items() if self._fits(key, payload)}
         images = {key: good.pop(key) for key in [*good] if self._is_image(key)}
         return Update(now_ns, good, images, tuple(answers))
@@ -193,6 +197,7 @@ def system_document(vessel: Vessel, title: str = "") -> dict[str, Any]:
         "actuators": [a.name for a in vessel.actuators],
         "axes": ["surge", "sway", "yaw"],
         "laws": laws_document(),
+        "hold_w0_rad_s": vessel.hold_w0_rad_s,
         "services": sorted(publishers - {"*", topics.OPERATOR}),
     }
 

@@ -26,6 +26,8 @@ from bus.messages import (
     OperatorRequest,
     SimulationFault,
     Stick,
+    Tuning,
+    TuningRequest,
 )
 from bus.service import first_line
 from bus.topics import Topic
@@ -88,6 +90,14 @@ class FaultMessage(_FromPage):
     fault: SimulationFault
 
 
+class TuningMessage(_FromPage):
+    """A wish for another control law or other gains; null: those of the configuration file."""
+
+    type: Literal["tuning"]
+    request_id: Name
+    tuning: Tuning | None
+
+
 class CalibrationMessage(_FromPage):
     """A wish to the calibration of the camera."""
 
@@ -96,7 +106,7 @@ class CalibrationMessage(_FromPage):
 
 
 PageMessage = Annotated[
-    JoystickMessage | ModeMessage | RenewMessage | AliveMessage | FaultMessage | CalibrationMessage,
+    JoystickMessage | ModeMessage | RenewMessage | AliveMessage | FaultMessage | CalibrationMessage | TuningMessage,
     Field(discriminator="type"),
 ]
 _PARSER: TypeAdapter[PageMessage] = TypeAdapter(PageMessage)
@@ -173,6 +183,9 @@ class Session:
                 self._request(f"{self.client}-renew-{self._renewals}", "renew")
             case FaultMessage():
                 self._submit(topics.SIMULATION_FAULT, _unstamped(message.fault))
+            case TuningMessage():
+                request = TuningRequest(request_id=message.request_id, client=self.client, tuning=message.tuning)
+                self._submit(topics.OPERATOR_TUNING, request)
             case CalibrationMessage():
                 self._submit(topics.OPERATOR_CALIBRATION, _unstamped(message.request))
             case AliveMessage():

@@ -8,12 +8,13 @@ import logging
 import secrets
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Mount, Route, WebSocketRoute
@@ -21,10 +22,13 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from bus import topics
+from bus.service import first_line
 from ui.session import Session, Submit, Update, may_connect
 
 STATIC_DIR = Path(__file__).parent / "static"
 MAX_PAGES = 16
+MAX_BODY = 16_384
+Compute = Callable[[bytes], bytes]
 _HEADERS = {
     "Cache-Control": "no-cache",  # an update of Starboard must reach the browser
     # eval, which the page has no use for, is what Playwright's wait_for_function needs
@@ -58,10 +62,21 @@ class _Connection:
 class WebServer:
     """Serves the page on a socket that listens already. Everything but `deliver` and `stop` runs in its thread."""
 
-    def __init__(self, documents: dict[str, bytes], submit: Submit, names: tuple[str, ...] = ()) -> None:
-        """Take the JSON documents to serve by path, the way to publish, and further names of this machine."""
+    def __init__(
+        self,
+        documents: dict[str, bytes],
+        submit: Submit,
+        names: tuple[str, ...] = (),
+        computations: dict[str, Compute] | None = None,
+    ) -> None:
+        """Take the JSON documents to serve by path, the way to publish, and further names of this machine.
+
+        computations: what is worked out of a JSON body posted to a path, in a thread of its own and one at a time;
+        ValueError: it made no sense.
+        """
         self._submit = submit
         self._names = names
+        self._computing = asyncio.Lock()
         self._connections: set[_Connection] = set()
         self._last: dict[str, bytes] = {}
         self._last_images: dict[str, bytes] = {}
@@ -71,6 +86,7 @@ class WebServer:
         self._thread: threading.Thread | None = None
         routes = [
             *(Route(path, self._document(content)) for path, content in documents.items()),
+            *(Route(path, self._computation(c), methods=["POST"]) for path, c in (computations or {}).items()),
             WebSocketRoute("/ws", self._page),
             Mount("/", _Files(directory=STATIC_DIR, html=True)),
         ]
@@ -130,6 +146,22 @@ class WebServer:
     @staticmethod
     def _document(content: bytes) -> Callable[[Request], Response]:
         return lambda _request: Response(content, media_type="application/json", headers=_HEADERS)
+
+    def _computation(self, compute: Compute) -> Callable[[Request], Awaitable[Response]]:
+        async def answer(request: Request) -> Response:
+            if not may_connect(request.headers.get("origin"), request.headers.get("host", ""), self._names):
+                return Response(status_code=403)
+            if int(request.headers.get("content-length", MAX_BODY + 1)) > MAX_BODY:
+                return Response(status_code=413)
+            body = await request.body()
+            try:
+                async with self._computing:
+                    content = await run_in_threadpool(compute, body)
+            except ValueError as error:
+                return Response(first_line(error), status_code=400)
+            return Response(content, media_type="application/json", headers=_HEADERS)
+
+        return answer
 
     async def _page(self, websocket: WebSocket) -> None:
         if len(self._connections) >= MAX_PAGES or not may_connect(
