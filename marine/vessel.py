@@ -398,6 +398,8 @@ class Vessel:
     validity: Validity
     hold_w0_rad_s: float
     """Characteristic frequency of the model function for dynamic positioning."""
+    heading_w0_rad_s: float | None = None
+    """The same for steering: heading on a line, path or at a speed; None: as the position's."""
     units: PaperUnits = PaperUnits()
     bias: Vector6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     """Constant disturbance tau_E in {B}, thesis (3.2)-(3.4): tether, asymmetries; N and Nm."""

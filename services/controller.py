@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import Field, field_validator
 
@@ -17,7 +17,7 @@ from marine.control.laws import known_laws
 from marine.control.tracking import missing_of
 from marine.guidance.reference_filter import MotionLimits, ReferenceFilter
 from marine.vessel import Vessel
-from services.guidance import Guidance, Seen, Tools, guidance_for
+from services.guidance import DepthKeeping, Guidance, GuidanceConfig, Seen, Tools, guidance_for
 from services.tuning import motion_for, parameters_of
 from services.tuning_desk import TuningDesk, answered
 
@@ -48,7 +48,7 @@ class ReferenceFilterConfig(Section):
         return Shaping(**self.model_dump(exclude={"enabled"}))
 
 
-class ControllerConfig(Section):
+class ControllerConfig(GuidanceConfig):
     """Section [controller]."""
 
     positioning: str = Field("ipd", description="law that serves hold: see docs/control.md, `starboard tune --list`")
@@ -58,14 +58,6 @@ class ControllerConfig(Section):
     reference_filter: ReferenceFilterConfig = Field(
         ReferenceFilterConfig(), description="a table: how a new reference is approached, docs/control.md"
     )
-    line: Literal["line_of_sight", "direct", "indirect"] = Field(
-        "line_of_sight", description="how a vessel that steers only follows lines: docs/guidance.md"
-    )
-    line_w0_rad_s: float | None = Field(None, gt=0, description="of direct and indirect; none: 0.7 of the heading's")
-    lookahead_m: float | None = Field(None, gt=0, description="of line_of_sight; none: from speed and heading loop")
-    approach_deg: float = Field(30.0, gt=0, lt=90, description="largest angle to a line on the way to it")
-    heading_w0_rad_s: float | None = Field(None, gt=0, description="heading on the way; none: the vessel file's [hold]")
-    speed_w0_rad_s: float | None = Field(None, gt=0, description="speed ahead; none: the vessel file's [hold]")
 
     @field_validator("positioning")
     @classmethod
@@ -125,7 +117,7 @@ class Controller(Service):
             positioning=None,
             motion=motion,
             filter=ReferenceFilter(motion) if shaping.enabled else None,
-            steering=config,
+            config=config,
         )
         try:
             self.tools.positioning = config.build(config.positioning, vessel, limits)
@@ -138,6 +130,7 @@ class Controller(Service):
         self.note = "; ".join([self.note, *missing] if self.note else missing)[:400]
         if self.note:
             self.log.warning(self.note)
+        self._depth = DepthKeeping(vessel) if vessel.model.heave and "Z" in vessel.controlled else None
         self._running: Guidance | None = None
         self._in_charge = False
         self._order = ""
@@ -212,7 +205,8 @@ class Controller(Service):
             guidance.engage(helm, seen)
         self._demand = X, Y, N = guidance.step(helm, seen)
         self._running, self._ours, self._state_ns, self._order = guidance, ours, state.stamp_ns, helm.request_id
-        self.wrench.publish(Wrench(origin_ns=state.origin_ns, surge_n=X, sway_n=Y, yaw_nm=N))
+        Z = self._depth.step(seen.dt_s, helm.z_m, state, attained) if self._depth else None
+        self.wrench.publish(Wrench(origin_ns=state.origin_ns, surge_n=X, sway_n=Y, heave_n=Z, yaw_nm=N))
 
     def _along_m(self, helm: HelmState) -> float:
         """Return how far the path of this request was followed, by this process or the one before it."""
@@ -234,6 +228,7 @@ class Controller(Service):
                 in_charge=self._in_charge,
                 saturated=attained is not None and attained.limited,
                 request_id=self._order,
+                error_z_m=self._depth.error_m if self._depth else None,
                 **self._running.told(),
             )
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -239,15 +240,20 @@ class Tether(Section):
 
 
 class Validity(Section):
-    """[validity]: how long a prediction without measurements counts as a pose, per mode."""
+    """[validity]: how long a prediction without measurements counts as a pose, per mode; hold_s where not given."""
 
     hold_s: Positive = 0.25
-    heading_s: Positive = 0.25
-    depth_s: Positive = 0.25
-    speed_s: Positive = 0.25
-    line_s: Positive = 0.25
-    path_s: Positive = 0.25
+    heading_s: Positive | None = None
+    depth_s: Positive | None = None
+    speed_s: Positive | None = None
+    line_s: Positive | None = None
+    path_s: Positive | None = None
     distance_s: Positive = 6.0
+
+    def in_si(self) -> v.Validity:
+        """Return it with hold_s where a mode says nothing."""
+        given = self.model_dump(exclude_none=True)
+        return v.Validity(**{field.name: given.get(field.name, self.hold_s) for field in fields(v.Validity)})
 
 
 class Bias(Section):
@@ -267,9 +273,10 @@ class Bias(Section):
 
 
 class Hold(Section):
-    """[hold]: characteristic frequency of the model function for dynamic positioning."""
+    """[hold]: characteristic frequency of the model function for dynamic positioning; of the heading in steering."""
 
     w0_rad_s: Positive
+    heading_w0_rad_s: Positive | None = None
 
 
 class VesselFile(Section):

@@ -84,18 +84,25 @@ class DirectLine:
         """Forget the integral."""
         self._integral = self._missing = 0.0
 
+    def follow(self, N_nm: float, r_rad_s: float) -> None:
+        """Take over without a jump: the next demand at a yaw rate, without time passing, is N."""
+        self._missing = 0.0
+        self._integral = N_nm + self.gains.proportional_r * r_rad_s - self._yaw.drag(r_rad_s)
+
     def reference(self, d_m: float, phi_rad: float, u_m_s: float, v_m_s: float) -> float:
         """Return the wanted yaw rate in rad/s, (8.58), with d' over ground from u and v."""
         speed = max(u_m_s, SLOWEST * self._u_r)
         d_dot = speed * math.sin(phi_rad) + v_m_s * math.cos(phi_rad)
         return -self.gains.proportional_d * _clip(d_m, self.d_max_m) - self.gains.derivative_d * d_dot
 
-    def step(self, dt_s: float, d_m: float, phi_rad: float, nu: tuple[float, float, float]) -> float:
-        """Return N in Nm; nu: [u v r] over ground."""
+    def step(
+        self, dt_s: float, d_m: float, phi_rad: float, nu: tuple[float, float, float], missing: float = 0.0
+    ) -> float:
+        """Return N in Nm; nu: [u v r] over ground; missing: what the actuators gave less than N before, Nm."""
         u, v, r = nu
         g = self.gains
         error = self.reference(d_m, phi_rad, u, v) - r
-        self._integral += g.integral_r * error * dt_s + min(1.0, dt_s / self._tracking_s) * self._missing
+        self._integral += g.integral_r * error * dt_s + min(1.0, dt_s / self._tracking_s) * (self._missing + missing)
         wanted = self._integral - g.proportional_r * r + self._yaw.drag(r)
         N = _clip(wanted, self._limit)
         self._missing = N - wanted

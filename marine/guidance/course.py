@@ -130,7 +130,8 @@ def _second_derivatives(P: Array, h: Array) -> Array:
     for i in range(1, n - 1):
         A[i, i - 1 : i + 2] = h[i - 1], 2.0 * (h[i - 1] + h[i]), h[i]
         right[i] = 6.0 * (slopes[i] - slopes[i - 1])
-    return np.linalg.solve(A, right)
+    solution: Array = np.linalg.solve(A, right)
+    return solution
 
 
 def _arc(turn: float, corner_m: float, most_m: float) -> tuple[float, float]:

@@ -59,10 +59,11 @@ class Trajectory:
         self.s_m += dt_s * self.speed_m_s
 
     def _allowed(self, s_m: float) -> float:
-        """Return the speed of the profile a sample ahead: it begins with zero."""
-        place = min(s_m / self.course.step_m + 1.0, len(self._speeds) - 1.0)
+        """Return the speed of the profile, at the ends that of a sample further in: there it is zero."""
+        place = min(s_m / self.course.step_m, len(self._speeds) - 1.0)
         i = min(int(place), len(self._speeds) - 2)
-        return self._speeds[i] + (place - i) * (self._speeds[i + 1] - self._speeds[i])
+        speed = self._speeds[i] + (place - i) * (self._speeds[i + 1] - self._speeds[i])
+        return max(speed, self._speeds[1])
 
     @property
     def motion(self) -> tuple[tuple[float, float, float], tuple[float, float], tuple[float, float]]:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple, Protocol
+from typing import Any, ClassVar, Literal, NamedTuple
 
+from pydantic import Field
+
+from bus.config import Section
 from bus.messages import HelmState
 from marine.control.base import ControlLaw, Vector3
 from marine.guidance.reference_filter import MotionLimits, ReferenceFilter
@@ -15,15 +18,17 @@ Ours = tuple[bool, bool, bool]
 """Which of surge, sway and yaw are the controller's."""
 
 
-class Steering(Protocol):
-    """What a configuration says of steering, with the vessel's own values where it says nothing."""
+class GuidanceConfig(Section):
+    """What [controller] says of guidance, where the vessel's own values do not do."""
 
-    line: str
-    heading_w0_rad_s: float | None
-    speed_w0_rad_s: float | None
-    line_w0_rad_s: float | None
-    lookahead_m: float | None
-    approach_deg: float
+    line: Literal["line_of_sight", "direct", "indirect"] = Field(
+        "line_of_sight", description="how a vessel that steers only follows lines: docs/guidance.md"
+    )
+    line_w0_rad_s: float | None = Field(None, gt=0, description="of direct and indirect; none: 0.7 of the heading's")
+    lookahead_m: float | None = Field(None, gt=0, description="of line_of_sight; none: from speed and heading loop")
+    approach_deg: float = Field(30.0, gt=0, lt=90, description="largest angle to a line on the way to it")
+    heading_w0_rad_s: float | None = Field(None, gt=0, description="heading on the way; none: the vessel file's [hold]")
+    speed_w0_rad_s: float | None = Field(None, gt=0, description="speed ahead; none: the vessel file's [hold]")
 
 
 @dataclass
@@ -38,7 +43,7 @@ class Tools:
     """What the reference of a fully actuated vessel may do."""
     filter: ReferenceFilter | None
     """None: the law gets steps as they are."""
-    steering: Steering
+    config: GuidanceConfig
 
 
 class Seen(NamedTuple):
