@@ -80,7 +80,8 @@ def _settings(
     values: dict[str, Any] = {
         "mode": mode,
         "scouting": {"multicast": {"enabled": False}},
-        "transport": {"link": link, "unicast": {"open_timeout": 200}},
+        # Shared memory between processes of one machine would cost each reader of one large message 16 MB resident.
+        "transport": {"link": link, "unicast": {"open_timeout": 200}, "shared_memory": {"enabled": False}},
     }
     if listen:
         values["listen"] = {"endpoints": list(listen), "exit_on_failure": True}
