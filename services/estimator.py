@@ -15,8 +15,10 @@ from bus.clock import NS
 from bus.config import Section
 from bus.messages import CameraPose, NavigationState, SensorPosition
 from bus.service import FUTURE_TOLERANCE_S, Input, Output, Service
+from marine.allocation import axis_limits
 from marine.dynamics.integrate import State
 from marine.dynamics.uncoupled import Tau
+from marine.estimation.depth import DepthFilter
 from marine.estimation.ekf import Array, EkfTuning, PoseEkf, Verdict
 from marine.estimation.smoothing import CausalVelocities
 from marine.vessel import Sensor, Vessel
@@ -27,6 +29,9 @@ WRENCH_HOLD_NS = 350_000_000
 _LONGEST_STEP_NS = 50_000_000
 _NEAREST_NS = 1_000_000
 _NO_WRENCH: Tau = (0.0, 0.0, 0.0)
+
+DEPTH_LOST_S = 1.0
+"""A depth sensor that says nothing for so long says nothing about now."""
 
 Status = Literal["initialising", "tracking", "predicting", "lost"]
 
@@ -65,6 +70,7 @@ class Estimator(Service):
     What is published is predicted from there to now, with the wrench that the allocator says is delivered. When the
     timer ends before the next pose comes (25 Hz against the camera's 30 Hz), a prediction is published.
 
+    A vessel that dives has depth and heave from its depth sensor (`marine.estimation.depth`).
     Without a camera a position and the heading of the same moment are a pose, as exact as the vessel file says.
     """
 
@@ -74,6 +80,7 @@ class Estimator(Service):
     pose = Input(topics.CAMERA_POSE, wakes=True, queue=16)
     position = Input(topics.SENSOR_POSITION, wakes=True, queue=16)
     compass = Input(topics.SENSOR_COMPASS, queue=16)
+    depth = Input(topics.SENSOR_DEPTH, queue=16)
     delivered = Input(topics.ACTUATOR_DELIVERED, queue=16)
     command = Input(topics.ACTUATOR_COMMAND, queue=16)
     order = Input(topics.OPERATOR_ACTUATOR, queue=16)
@@ -100,6 +107,9 @@ class Estimator(Service):
             self._monitor = ActuatorMonitor(vessel)
         else:
             unused += ("command", "order", "fault")
+        self._depth = DepthTracker(vessel)
+        if not self._depth.possible:
+            unused += ("depth",)
         self.ports = {n: p for n, p in self.ports.items() if n not in unused}  # type: ignore[misc]  # of this object alone
         self._headings: deque[tuple[int, float]] = deque(maxlen=64)
         self._tuning = EkfTuning(
@@ -127,7 +137,8 @@ class Estimator(Service):
         """Take in what came, publish the state at now."""
         now_ns = round(now_s * NS)
         for wrench in self.delivered.take():
-            surge, sway, _, _, _, yaw = wrench.vector()
+            surge, sway, heave, _, _, yaw = wrench.vector()
+            self._depth.heave_n = heave
             if wrench.stamp_ns <= now_ns + FUTURE_TOLERANCE_S * NS:
                 self._wrenches.append((wrench.stamp_ns, (surge, sway, yaw)))
         if self._seen_ns > now_ns + FUTURE_TOLERANCE_S * NS:  # the machine's clock was set back
@@ -139,6 +150,8 @@ class Estimator(Service):
                 continue
             if not self._acceptable(pose, now_ns) or not self._take_in(pose):
                 self._rejected += 1
+        for sample in self.depth.take():
+            self._depth.take(sample.stamp_ns, sample.z_m)
         self._publish(now_ns)
         if self._monitor is not None:
             self._tell_faults(self._monitor, now_s)
@@ -249,6 +262,7 @@ class Estimator(Service):
             x_m, y_m, psi_rad, u, v, r = self._measured
         else:
             return
+        z_m, heave_m_s = self._depth.at(now_ns)
         d_x, d_y, d_n = ekf.disturbance if ekf else (None, None, None)
         P = ekf.covariance.diagonal()[:3].tolist() if ekf else ()
         x_std, y_std, psi_std = map(math.sqrt, P) if P else (None, None, None)
@@ -259,9 +273,11 @@ class Estimator(Service):
                 filtered=ekf is not None,
                 x_m=x_m,
                 y_m=y_m,
+                z_m=z_m,
                 psi_rad=psi_rad,
                 surge_m_s=u,
                 sway_m_s=v,
+                heave_m_s=heave_m_s,
                 yaw_rad_s=r,
                 disturbance_x_n=d_x,
                 disturbance_y_n=d_y,
@@ -280,6 +296,41 @@ class Estimator(Service):
         if not self._ready:
             return "initialising"
         return "predicting" if age_s > self._config.predicting_after_s else "tracking"
+
+
+class DepthTracker:
+    """The depth filter at the time of the last sample, and a look ahead to now."""
+
+    def __init__(self, vessel: Vessel) -> None:
+        self._model, self._sensor = vessel.model.heave, vessel.sensor("depth")
+        self._force_n = axis_limits(vessel)[2]
+        self._filter: DepthFilter | None = None
+        self._sample_ns = 0
+        self.heave_n = 0.0
+        """What the actuators give."""
+
+    @property
+    def possible(self) -> bool:
+        """Whether the vessel dives and measures how deep."""
+        return self._model is not None and self._sensor is not None and self._force_n > 0.0
+
+    def take(self, stamp_ns: int, z_m: float) -> None:
+        """Take in a sample; after a long pause begin again."""
+        gap_s = (stamp_ns - self._sample_ns) / NS
+        self._sample_ns = max(stamp_ns, self._sample_ns)
+        if self._filter is None or not gap_s < DEPTH_LOST_S:
+            assert self._model is not None
+            assert self._sensor is not None
+            self._filter = DepthFilter(self._model, self._sensor, z_m, self._force_n)
+        elif gap_s > 0.0:
+            self._filter.update(gap_s, self.heave_n, z_m)
+
+    def at(self, now_ns: int) -> tuple[float | None, float | None]:
+        """Return depth in m and heave speed in m/s, None when the sensor is silent."""
+        age_s = (now_ns - self._sample_ns) / NS
+        if self._filter is None or not 0.0 <= age_s < DEPTH_LOST_S:
+            return None, None
+        return self._filter.predicted(age_s, self.heave_n)
 
 
 def _std(sensor: Sensor) -> float:
