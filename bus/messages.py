@@ -705,6 +705,8 @@ class SimulationFault(Message):
         "camera_black",
         "flip_byte",
         "thruster_dead",
+        "thruster_weak",
+        "thruster_stuck",
         "current",
         "dropout",
         "board",
@@ -720,4 +722,4 @@ class SimulationFault(Message):
     y_m: float = 0.0
     psi_rad: float = 0.0
     thruster: Name = ""
-    fraction: Fraction = Field(0.0, description="dropout: part of the frames that are lost")
+    fraction: Fraction = Field(0.0, description="that is lost: dropout of the frames, thruster_weak of the thrust")

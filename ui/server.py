@@ -53,6 +53,7 @@ class Page(Service):
     everything = RawInput("**")
     joystick = Output(topics.OPERATOR_JOYSTICK)
     request = Output(topics.OPERATOR_REQUEST)
+    actuator = Output(topics.OPERATOR_ACTUATOR)
     fault = Output(topics.SIMULATION_FAULT)
     calibration = Output(topics.OPERATOR_CALIBRATION)
     tuning = Output(topics.OPERATOR_TUNING)

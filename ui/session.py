@@ -22,6 +22,7 @@ from bus.messages import (
     Message,
     Mode,
     Name,
+    OperatorActuator,
     OperatorJoystick,
     OperatorRequest,
     SimulationFault,
@@ -98,6 +99,14 @@ class TuningMessage(_FromPage):
     tuning: Tuning | None
 
 
+class ActuatorMessage(_FromPage):
+    """An operator's word about an actuator."""
+
+    type: Literal["actuator"]
+    actuator: Name
+    works: bool
+
+
 class CalibrationMessage(_FromPage):
     """A wish to the calibration of the camera."""
 
@@ -106,7 +115,14 @@ class CalibrationMessage(_FromPage):
 
 
 PageMessage = Annotated[
-    JoystickMessage | ModeMessage | RenewMessage | AliveMessage | FaultMessage | CalibrationMessage | TuningMessage,
+    JoystickMessage
+    | ModeMessage
+    | RenewMessage
+    | AliveMessage
+    | FaultMessage
+    | ActuatorMessage
+    | CalibrationMessage
+    | TuningMessage,
     Field(discriminator="type"),
 ]
 _PARSER: TypeAdapter[PageMessage] = TypeAdapter(PageMessage)
@@ -186,6 +202,9 @@ class Session:
             case TuningMessage():
                 request = TuningRequest(request_id=message.request_id, client=self.client, tuning=message.tuning)
                 self._submit(topics.OPERATOR_TUNING, request)
+            case ActuatorMessage(actuator=actuator, works=works):
+                word = OperatorActuator(client=self.client, actuator=actuator, works=works)
+                self._submit(topics.OPERATOR_ACTUATOR, word)
             case CalibrationMessage():
                 self._submit(topics.OPERATOR_CALIBRATION, _unstamped(message.request))
             case AliveMessage():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 from marine.actuators import Drive, lagged
 from marine.actuators.rudder import linear_force
@@ -13,6 +14,16 @@ from marine.allocation.of_vessel import rudder_column
 from marine.dynamics.small_vessel import mean_square
 from marine.vessel import BilinearThrust, Rudder, Thruster, Vessel
 
+
+@dataclass(frozen=True)
+class Failure:
+    """What is wrong with an actuator: the part of its force that it keeps, and where it sticks, if it does."""
+
+    kept: float = 1.0
+    stuck_at: float | None = None
+
+
+DEAD = Failure(kept=0.0)
 NO_WRENCH: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _SETTLED = 1e-9
 
@@ -24,8 +35,8 @@ class Actuators:
     """
 
     def __init__(self, vessel: Vessel) -> None:
-        self.dead: frozenset[str] = frozenset()
-        """Actuators that give nothing whatever their command."""
+        self.failures: Mapping[str, Failure] = {}
+        """Actuators that do not do what they are told."""
         self.values = {a.name: 0.0 for a in vessel.actuators}
         """Where each actuator is, in the unit of its command."""
         self.wrench = NO_WRENCH
@@ -57,9 +68,9 @@ class Actuators:
         else:
             self._aim(commands)
 
-    def kill(self, names: frozenset[str]) -> None:
-        """Let these be dead, and no others."""
-        self.dead = names
+    def fail(self, failures: Mapping[str, Failure]) -> None:
+        """Let these have failed, and no others."""
+        self.failures = dict(failures)
         self._push()
 
     def hurry(self) -> None:
@@ -117,21 +128,30 @@ class Actuators:
         X = Y = Z = K = M = N = 0.0
         for actuator, column in zip(self._actuators, self._columns, strict=True):
             name = actuator.name
-            if name in self.dead:
-                continue
+            value, kept = self._acts(name)
             if isinstance(actuator, Rudder):
-                wash = 0.0 if actuator.behind in self.dead else max(0.0, self.values[actuator.behind])
-                delta = self.values[name]
+                wash, drive = self._acts(actuator.behind)
+                wash = max(0.0, wash) * math.sqrt(drive)  # thrust goes with its square
+                delta = value
                 force = linear_force(delta, wash, self._U, actuator.k_r1, actuator.k_r2)
                 x, y, z, k, m, n = rudder_column(actuator, delta)
             else:
-                force = self._drives[name].at(self._U).thrust(self.values[name])
+                force = self._drives[name].at(self._U).thrust(value)
                 x, y, z, k, m, n = column
+            force *= kept
             X, Y, Z = X + x * force, Y + y * force, Z + z * force
             K, M, N = K + k * force, M + m * force, N + n * force
         self.wrench = (X, Y, Z, K, M, N)
         if self._thrusters:
-            self.n_squared = mean_square([0.0 if n in self.dead else self.values[n] for n in self._thrusters])
+            acting = [self._acts(name) for name in self._thrusters]
+            self.n_squared = mean_square([value * math.sqrt(kept) for value, kept in acting])
+
+    def _acts(self, name: str) -> tuple[float, float]:
+        """Return where an actuator is, and the part of its force that it keeps."""
+        failure = self.failures.get(name)
+        if failure is None:
+            return self.values[name], 1.0
+        return (self.values[name] if failure.stuck_at is None else failure.stuck_at), failure.kept
 
 
 def relative_speed(u: float, v: float, psi_rad: float, water_m_s: tuple[float, float]) -> float:

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from bus.clock import NS
 from bus.config import Section
 from marine.dynamics.integrate import State
+from services.simulator.actuators import Failure
 from services.simulator.faults import CameraFaults
 from services.simulator.world import World
 
@@ -28,7 +29,7 @@ class Saved(Section):
     upright: State
     constant_current_m_s: tuple[float, float]
     varying_current_m_s: tuple[float, float]
-    dead: frozenset[str]
+    failures: dict[str, Failure]
     camera: CameraFaults
 
     @classmethod
@@ -40,7 +41,7 @@ class Saved(Section):
             upright=world.upright,
             constant_current_m_s=world.constant_current_m_s,
             varying_current_m_s=world.varying_current_m_s,
-            dead=world.dead,
+            failures=dict(world.actuators.failures),
             camera=camera,
         )
 
@@ -50,7 +51,7 @@ class Saved(Section):
         world.upright = self.upright
         world.constant_current_m_s = self.constant_current_m_s
         world.varying_current_m_s = self.varying_current_m_s
-        world.kill(self.dead)
+        world.actuators.fail(self.failures)
         return self.camera
 
 

@@ -16,6 +16,7 @@ from marine.environment import Waves, Wind
 from marine.vessel import AsvModel, SixDofModel, Vessel
 from platform_link.drivers import Driver, open_far_end
 from platform_link.firmware import Firmware
+from services.simulator.actuators import DEAD, Failure
 from services.simulator.faults import CameraFaults
 from services.simulator.saved import Saved, load, save
 from services.simulator.world import Current, Surroundings, World
@@ -224,25 +225,34 @@ class Simulator(Service):
         match order.kind:
             case "flip_byte":
                 self._flips = self._flips + 1 if order.active else 0
-            case "thruster_dead":
-                self._kill_thruster(order)
+            case "thruster_dead" | "thruster_weak" | "thruster_stuck":
+                self._break_thruster(order)
             case "current":
                 self._world.constant_current_m_s = (order.x_m_s, order.y_m_s) if order.active else configured
             case "displace" if order.active:
                 self._world.displace(order.x_m, order.y_m, order.psi_rad)
             case "clear":
                 self._flips = 0
-                self._world.kill(frozenset())
+                self._world.actuators.fail({})
                 self._world.constant_current_m_s = configured
 
-    def _kill_thruster(self, order: SimulationFault) -> None:
+    def _break_thruster(self, order: SimulationFault) -> None:
         known = [a.name for a in self._vessel.actuators]
         if order.thruster not in known:
             self.refused_orders += 1
             self.log.warning("fault: no actuator is called %r; known: %s", order.thruster, ", ".join(known))
             return
-        one = frozenset({order.thruster})
-        self._world.kill(self._world.dead | one if order.active else self._world.dead - one)
+        actuators = self._world.actuators
+        failures = {name: failure for name, failure in actuators.failures.items() if name != order.thruster}
+        if order.active:
+            match order.kind:
+                case "thruster_weak":
+                    failures[order.thruster] = Failure(kept=1.0 - order.fraction)
+                case "thruster_stuck":
+                    failures[order.thruster] = Failure(stuck_at=actuators.values[order.thruster])
+                case _:
+                    failures[order.thruster] = DEAD
+        actuators.fail(failures)
 
 
 def with_flipped_bit(data: bytes) -> bytes:

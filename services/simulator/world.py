@@ -95,20 +95,11 @@ class World:
         X, Y, _, _, _, N = self.actuators.wrench
         return X, Y, N
 
-    @property
-    def dead(self) -> frozenset[str]:
-        """Actuators that give nothing whatever their command."""
-        return self.actuators.dead
-
     def command(self, commands: Mapping[str, float]) -> None:
         """Set the commands that the actuators run, from now on."""
         if commands != self._commands:
             self._commands = dict(commands)
             self.actuators.command(self._commands, self._now_ns)
-
-    def kill(self, names: frozenset[str]) -> None:
-        """Let these actuators be dead, and no others."""
-        self.actuators.kill(names)
 
     def advance(self, now_ns: int) -> None:
         """Let the world go on to now, with the commands as they are."""

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
+from typing import Literal, TypeVar
 
 import cv2
 import numpy as np
@@ -97,6 +97,8 @@ class FakeVessel(Service):
     state = Output(topics.NAVIGATION_STATE)
     control = Output(topics.CONTROL_STATUS)
     command = Output(topics.ACTUATOR_COMMAND)
+    word = Input(topics.OPERATOR_ACTUATOR, queue=8)
+    health = Output(topics.ACTUATOR_HEALTH)
     link = Output(topics.LINK_STATUS)
     recorder = Output(topics.RECORDER_STATUS)
     truth = Output(topics.SIMULATION_TRUTH)
@@ -108,11 +110,16 @@ class FakeVessel(Service):
         self.black = self.board = False
         self.pictures = 0
         self.faults: list[m.SimulationFault] = []
+        self.failed: dict[str, Literal["configuration", "operator", "detected"]] = {}
         self.circles = True
         self._noise = np.random.default_rng(1)
         self._water = self._noise.normal(0.0, 6.0, (600, 800, 3))
 
     def step(self, now_s: float) -> None:
+        for word in self.word.take():
+            self.failed = {} if word.works else {word.actuator: "operator"}
+            reason = "" if word.works else f"{word.actuator} has failed (operator)"
+            self.health.publish(m.ActuatorHealth(failed=self.failed, reason=reason))
         self.faults += self.fault.take()
         for fault in self.fault.take():
             self.black = fault.active if fault.kind == "camera_black" else self.black and fault.kind != "clear"

@@ -237,6 +237,19 @@ def test_services_devices_and_recording_are_shown(page: Page) -> None:
     expect(page.locator("#health .devices")).to_contain_text("connected")
 
 
+def test_a_thruster_is_marked_as_failed_and_works_again(page: Page, star: FakeStar) -> None:
+    page.click("[data-tab=health]")
+    row = page.locator("#actuators tbody[data-actuator=front_port]")
+    row.get_by_role("button").click()
+    expect(row).to_have_attribute("data-level", "error")
+    expect(row).to_contain_text("failed (operator)")
+    expect(page.locator("#banner")).to_contain_text("front_port has failed")
+    wait_for(lambda: star.vessel.failed == {"front_port": "operator"}, "the operator's word")
+    row.get_by_role("button", name="Works again").click()
+    expect(row).to_have_attribute("data-level", "ok")
+    assert star.vessel.failed == {}
+
+
 def test_a_fault_goes_to_the_simulator(page: Page, star: FakeStar) -> None:
     page.click("#faults-button")
     page.fill('[data-kind="current"] [name="y_m_s"]', "-0.03")

@@ -18,6 +18,7 @@ from bus.memory_bus import MemoryBus
 from bus.messages import ActuatorCommand, LinkStatus, SimulationFault, SimulationTruth
 from camera_tracker.sources import Frame, open_source
 from platform_link.service import PlatformLink, PlatformLinkConfig
+from services.simulator.actuators import DEAD
 from services.simulator.faults import CameraFaults
 from services.simulator.saved import Saved, load, save
 from services.simulator.service import Simulator, SimulatorConfig, with_flipped_bit
@@ -182,6 +183,11 @@ def test_faults_of_the_world(pool: Pool) -> None:
     assert pool.run(0.1, command=15.0).surge_n == pytest.approx(0.75 * whole.surge_n)
     pool.fault("thruster_dead", thruster="front_port", active=False)
     assert pool.run(0.1, command=15.0).surge_n == whole.surge_n
+    pool.fault("thruster_weak", thruster="front_port", fraction=0.6)
+    assert pool.run(0.1, command=15.0).surge_n == pytest.approx(0.85 * whole.surge_n)
+    pool.fault("thruster_stuck", thruster="front_port")
+    assert pool.run(0.1, command=0.0).surge_n == pytest.approx(0.25 * whole.surge_n)
+    pool.fault("thruster_stuck", thruster="front_port", active=False)
     pool.fault("thruster_dead", thruster="rear_port")
     pool.fault("current", x_m_s=-0.1, y_m_s=0.05)
     truth = pool.run(0.1, command=15.0)
@@ -249,7 +255,7 @@ def test_an_old_or_damaged_state_file_is_left_alone(pool: Pool, caplog: pytest.L
 def test_all_faults_that_last_are_saved(tmp_path: Path) -> None:
     start = (1.0, 2.0, 0.5, 0.1, -0.2, 0.3)
     world = World(VESSEL, Surroundings(), 1, start, 0)
-    world.kill(frozenset({"front_port"}))
+    world.actuators.fail({"front_port": DEAD})
     world.constant_current_m_s = (0.1, 0.2)
     camera = CameraFaults(shift_px=(3.0, -4.0), black=True, dropout=0.5)
     save(tmp_path / "state.json", Saved.of(5 * NS, world, camera))
@@ -257,7 +263,7 @@ def test_all_faults_that_last_are_saved(tmp_path: Path) -> None:
     saved = load(tmp_path / "state.json", 6 * NS)
     assert saved is not None
     assert saved.restore(other) == camera
-    assert (other.state, other.dead, other.current_m_s) == (start, frozenset({"front_port"}), (0.1, 0.2))
+    assert (other.state, other.actuators.failures, other.current_m_s) == (start, {"front_port": DEAD}, (0.1, 0.2))
 
 
 def test_a_state_file_that_cannot_be_written_is_told_once(pool: Pool, caplog: pytest.LogCaptureFixture) -> None:

@@ -114,7 +114,7 @@ def test_the_supervisors_configuration_comes_from_the_catalogue() -> None:
 def test_the_diagram_shows_every_process() -> None:
     diagram = star_diagram()
     assert all(p.name in diagram for p in PROCESSES)
-    assert 'hub -- "helm/wrench" --> allocator' in diagram
+    assert 'hub -- "helm/wrench<br>' in diagram
 
 
 def test_generated_parts_of_the_docs_are_up_to_date() -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from marine.allocation import vessel_allocation
-from services.simulator.actuators import Actuators
+from services.simulator.actuators import DEAD, Actuators
 from services.vessels import known_vessels, load_vessel
 
 VIDEORAY, CHARLIE, TELEMETRON = load_vessel("videoray"), load_vessel("charlie"), load_vessel("telemetron")
@@ -85,10 +85,10 @@ def test_what_is_dead_gives_nothing_and_a_rudder_behind_it_has_no_wash() -> None
     commands = {"rudder_port": 0.2, "rudder_starboard": 0.2, "port": 6.0, "starboard": 6.0}
     actuators = Actuators(CHARLIE)
     whole = settled(actuators, commands)
-    actuators.kill(frozenset({"rudder_port"}))
+    actuators.fail({"rudder_port": DEAD})
     assert actuators.wrench[1] == pytest.approx(0.5 * whole[1])
-    actuators.kill(frozenset({"port"}))
+    actuators.fail({"port": DEAD})
     assert actuators.wrench[1] == pytest.approx(0.5 * whole[1])
     assert actuators.n_squared == pytest.approx(18.0)
-    actuators.kill(frozenset())
+    actuators.fail({})
     assert actuators.wrench == whole

@@ -7,6 +7,7 @@ import pytest
 
 from marine.dynamics.integrate import State
 from marine.frames import to_tank
+from services.simulator.actuators import DEAD
 from services.simulator.world import LONGEST_GAP_NS, Current, Surroundings, World
 from services.vessels import load_vessel
 
@@ -43,11 +44,11 @@ def test_a_dead_thruster_gives_nothing_until_it_is_mended() -> None:
     w = world()
     w.command(ALL_AHEAD)
     whole = w.tau
-    w.kill(frozenset({"front_port"}))
+    w.actuators.fail({"front_port": DEAD})
     assert w.tau[0] == pytest.approx(0.75 * whole[0])
     w.command(dict.fromkeys(NAMES, 10.0))
     assert w.tau[0] == pytest.approx(0.75 * whole[0] * 100 / 225)
-    w.kill(frozenset())
+    w.actuators.fail({})
     w.command(ALL_AHEAD)
     assert w.tau == whole
 

@@ -9,12 +9,14 @@ export class Faults {
     this.button = document.querySelector("#faults-button");
     const box = document.querySelector("#faults");
     const numbers = (name, label, value, step) => h("label", {}, h("span", { class: "label" }, label), h("input", { name, type: "number", value, step }));
-    const thruster = h("select", { name: "thruster", "aria-label": "Thruster" }, ...system.actuators.map((name) => h("option", {}, name)));
+    const thruster = () => h("select", { name: "thruster", "aria-label": "Thruster" }, ...system.actuators.map((name) => h("option", {}, name)));
     box.append(
       this.row("current", "Current", numbers("x_m_s", "x, m/s", "0.05", "0.01"), numbers("y_m_s", "y, m/s", "0", "0.01")),
       this.row("camera_shift", "Camera shifted", numbers("x_px", "x, px", "10", "1"), numbers("y_px", "y, px", "0", "1")),
       this.row("camera_black", "Black picture"),
-      this.row("thruster_dead", "Thruster dead", thruster),
+      this.row("thruster_dead", "Thruster dead", thruster()),
+      this.row("thruster_weak", "Thruster weak", thruster(), numbers("fraction", "lost", "0.6", "0.1")),
+      this.row("thruster_stuck", "Thruster stuck", thruster()),
       this.row("board", "Calibration board"),
       this.row("dropout", "Frames lost", numbers("fraction", "part", "0.5", "0.1")),
       h("button", { type: "button", class: "wide", onclick: () => this.send({ kind: "clear" }, "All faults cleared") }, "Clear all faults"),

@@ -1,6 +1,7 @@
 // How the services and the devices fare: lamps in the head, the Services tab, and what the banner must shout.
 
 import { age, bytes, fixed, h, rate, text } from "./format.js";
+import { toast } from "./toasts.js";
 
 const DEAD_S = 2.5;
 const beat = (name) => `service/${name}/heartbeat`;
@@ -11,7 +12,9 @@ export class Health {
     this.element = document.querySelector("#health");
     this.devices = h("div", { class: "devices" });
     this.table = h("table", {}, h("thead", {}, h("tr", {}, ...["Service", "State", "Rate", "Step, ms", "Late", "Bad", "Gaps"].map((name) => h("th", {}, name)))));
-    this.element.append(this.table, this.devices);
+    this.actuators = h("table", { id: "actuators" }, h("thead", {}, h("tr", {}, ...["Actuator", "State", "Command", ""].map((name) => h("th", {}, name)))),
+      ...system.actuators.map((name) => this.actuatorRow(name)));
+    this.element.append(this.actuators, this.table, this.devices);
     this.rows = new Map();
   }
 
@@ -34,7 +37,35 @@ export class Health {
     this.showLamps();
     if (!this.element.checkVisibility()) return;
     for (const name of this.names()) this.showService(name, this.rows.get(name) ?? this.addRow(name));
+    this.showActuators();
     this.showDevices();
+  }
+
+  actuatorRow(name) {
+    const say = (works) => {
+      if (this.link.send({ type: "actuator", actuator: name, works })) toast(works ? `${name} shall work again` : `${name} is left out`);
+      else toast("No connection to the server.", { level: "error" });
+    };
+    const button = h("button", { type: "button", onclick: () => say(button.dataset.works === "true") });
+    return h("tbody", { "data-actuator": name }, h("tr", {}, h("th", { scope: "row" }, name), h("td", { class: "num" }), h("td", { class: "num" }), h("td", {}, button)));
+  }
+
+  showActuators() {
+    const { failed = {}, lost = {} } = this.store.get("actuator/health") ?? {};
+    const { suspected } = this.store.fresh("actuator/fault", DEAD_S) ?? {};
+    const commands = this.store.fresh("actuator/command", 1)?.commands ?? {};
+    for (const body of this.actuators.tBodies) {
+      const name = body.dataset.actuator;
+      const [, state, command, action] = body.rows[0].cells;
+      const bad = failed[name] ?? (lost[name] ? "detected" : undefined);
+      body.dataset.level = bad ? "error" : suspected === name ? "warn" : "ok";
+      const how = lost[name] ? `, ${fixed(lost[name] * 100, 0)} % lost` : "";
+      text(state, failed[name] ? `failed (${failed[name]}${how})` : bad ? `weak (detected${how})` : suspected === name ? "suspected" : "works");
+      text(command, fixed(commands[name], 1));
+      const button = action.firstElementChild;
+      button.dataset.works = Boolean(bad);
+      text(button, bad ? "Works again" : "Mark as failed");
+    }
   }
 
   addRow(name) {
@@ -112,6 +143,8 @@ export class Health {
     else if (helm.suspended) alarms.push(["error", "Suspended", ` ${helm.reason || "the thrusters are at zero"}`]);
     if (!state) alarms.push(["warn", "No position", " The estimator is silent."]);
     else if (state.status === "lost") alarms.push(["warn", "Position lost", " The camera does not see the vessel."]);
+    const health = this.store.fresh("actuator/health", DEAD_S);
+    if (health?.reason) alarms.push(["warn", "Actuator", ` ${health.reason}`]);
     if (link?.state === "disconnected") alarms.push(["warn", "Radio link down", ` ${link.error}`]);
     return alarms;
   }
