@@ -114,19 +114,24 @@ class Settings:
         return vessel_path(self.system.vessel).stem
 
     @property
+    def known(self) -> dict[str, Process]:
+        """Every process by its name: the catalogue's, and those that [system] replaces or adds."""
+        known = {p.name: p for p in PROCESSES}
+        for name, target in self.system.services.items():
+            known[name] = replace(known[name], target=target) if name in known else Process(name, target)
+        return known
+
+    @property
     def processes(self) -> tuple[Process, ...]:
         """The processes that this configuration starts."""
-        vessel = load_vessel(self.system.vessel)
-        own = {p.name: p for p in PROCESSES if (self.system.simulation or not p.simulation_only) and p.fits(vessel)}
-        if not self.hub.standby:
-            del own["hub_standby"]
-        for name, target in self.system.services.items():
-            own[name] = replace(own[name], target=target) if name in own else Process(name, target)
-        return tuple(own.values())
+        vessel, system = load_vessel(self.system.vessel), self.system
+        absent = set() if self.hub.standby else {"hub_standby"}
+        absent |= {p.name for p in PROCESSES if (p.simulation_only and not system.simulation) or not p.fits(vessel)}
+        return tuple(p for name, p in self.known.items() if name in system.services or name not in absent)
 
     def process(self, name: str) -> Process:
         """Return one of the processes; raise ConfigError that lists the names."""
-        known = {p.name: p for p in (*PROCESSES, *self.processes)}
+        known = self.known
         if name not in known:
             raise ConfigError(f"no service is called {name!r}; known: {', '.join(known)}")
         return known[name]

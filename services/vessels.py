@@ -7,16 +7,13 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from bus.config import ConfigError, parse, read_toml
 from marine import vessel as v
-from marine.dynamics.asv import AsvDynamics
-from marine.dynamics.design import uncoupled
-from marine.dynamics.horizontal import coupled_mass_matrix
-from marine.dynamics.six_dof import mass_matrix
-from services.vessel_file import SmallVessel, VesselFile
+
+if TYPE_CHECKING:  # what it takes to read a vessel file is imported when one is read: the hubs start without
+    from services.vessel_file import VesselFile
 
 VESSELS_DIR = Path(__file__).parent.parent / "config" / "vessels"
 
@@ -41,6 +38,8 @@ def vessel_path(name: str) -> Path:
 
 def load_vessel(name: str) -> v.Vessel:
     """Return a vessel in SI, given by name or path; raise ConfigError with file, key and reason."""
+    from services.vessel_file import VesselFile
+
     path = vessel_path(name)
     try:
         file = parse(VesselFile, read_toml(path), path)
@@ -54,6 +53,8 @@ def load_vessel(name: str) -> v.Vessel:
 
 def controllable(actuators: tuple[v.Actuator, ...], axes: tuple[v.Axis, ...] = v.AXES) -> int:
     """Return how many of the axes the actuators can set independently: rank of those rows of the allocation matrix."""
+    import numpy as np
+
     rows = [v.AXES.index(axis) for axis in axes]
     columns = np.array([a.column for a in actuators]).T[rows]
     return int(np.linalg.matrix_rank(columns, tol=1e-6))
@@ -64,6 +65,8 @@ class _RefusedError(ValueError):
 
 
 def _vessel(name: str, file: VesselFile) -> v.Vessel:
+    from marine.dynamics.design import uncoupled
+
     units = file.units
     actuators = tuple(a.in_si(units.force_n) for a in file.actuator)
     _check_actuators(actuators)
@@ -122,6 +125,8 @@ def _check_actuators(actuators: tuple[v.Actuator, ...]) -> None:
 
 
 def _dynamics(file: VesselFile, actuators: tuple[v.Actuator, ...]) -> v.Dynamics:
+    from services.vessel_file import SmallVessel
+
     if not isinstance(file.model, SmallVessel):
         return file.model.in_si(file.units)
     moment_nm = sum(a.column[5] * a.k_r2 for a in actuators if isinstance(a, v.Rudder))
@@ -132,11 +137,18 @@ def _dynamics(file: VesselFile, actuators: tuple[v.Actuator, ...]) -> v.Dynamics
 
 def _check_inertia(dynamics: v.Dynamics) -> None:
     """Refuse a mass matrix that is not positive definite, which single keys do not show."""
+    import numpy as np
+
     if isinstance(dynamics, v.SixDofModel | v.CoupledModel):
+        from marine.dynamics.horizontal import coupled_mass_matrix
+        from marine.dynamics.six_dof import mass_matrix
+
         M = mass_matrix(dynamics) if isinstance(dynamics, v.SixDofModel) else coupled_mass_matrix(dynamics)
         if float(np.linalg.eigvalsh(M).min()) <= 0.0:
             raise _RefusedError("model: the inertia matrix is not positive definite")
     elif isinstance(dynamics, v.AsvModel):
+        from marine.dynamics.asv import AsvDynamics
+
         asv = AsvDynamics(dynamics)
         for U in np.linspace(0.0, dynamics.max_speed_m_s, 37):
             for r in np.linspace(-dynamics.max_yaw_rad_s, dynamics.max_yaw_rad_s, 21):
