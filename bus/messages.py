@@ -63,7 +63,8 @@ class Message(BaseModel):
     @classmethod
     def decode(cls, payload: bytes) -> Self:
         """Return the message of a payload; raise ValueError (pydantic.ValidationError) when it is malformed."""
-        return cls.__pydantic_validator__.validate_json(payload)
+        message: Self = cls.__pydantic_validator__.validate_json(payload)
+        return message
 
 
 # --- camera -----------------------------------------------------------------------------------------------------
