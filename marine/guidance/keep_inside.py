@@ -12,7 +12,7 @@ from marine.frames import to_body, to_tank
 from marine.guidance.abilities import Abilities
 from marine.vessel import Vessel
 
-BRAKE_SHARE = 0.7
+BRAKE_SHARE = 0.6
 """Part of the force that braking counts on; the rest is for currents, rounding, and a model that errs."""
 GAP_M = 0.01
 """The hull stays so far from the wall, and twice the standard deviation of the estimate further."""
@@ -33,9 +33,9 @@ class PoolGuard:
 
     safe(d): speed from which braking ends within distance d, from alpha v' = -(F + drag(v)), thesis (2.33), with
     BRAKE_SHARE of the weakest force to any side and the smaller drag. The force towards a wall is limited to
-    alpha CATCH (safe(d) - v) + drag(v) - push: a control barrier function, A. D. Ames et al., ECC 2019 (arXiv
-    1903.11199), which holds the vessel off against a current, too. Where that asks for braking, everything else
-    (along the wall, yaw) gets what thrust is left.
+    alpha (CATCH (safe(d) - v) - safe'(d) v) + drag(v) - push: a control barrier function, A. D. Ames et al., ECC 2019
+    (arXiv 1903.11199), which holds the vessel off against a current, too. Where that asks for braking, everything
+    else (along the wall, yaw) gets what thrust is left.
     """
 
     def __init__(self, vessel: Vessel) -> None:
@@ -51,16 +51,20 @@ class PoolGuard:
         v = np.linspace(slowest, 3.0 * max(abilities.ahead_m_s, 1e-3), 2000)
         force = BRAKE_SHARE * weakest + np.min([dof.beta * v + dof.beta_quadratic * v * v for dof in dofs], axis=0)
         slowing = np.minimum(force / max(dof.alpha for dof in dofs), RATE_1_S * v) if weakest else force / dofs[0].alpha
-        per_speed = v / np.maximum(slowing, 1e-12)
-        per_speed[0] = 1.0 / RATE_1_S if weakest else per_speed[0]
-        way = np.concatenate([[0.0], np.cumsum(0.5 * (per_speed[1:] + per_speed[:-1]) * np.diff(v))])
-        self._way, self._speeds = way, v
+        slope = np.full(len(v), RATE_1_S)  # dv/dd
+        np.divide(slowing, v, out=slope, where=v > 0.0)
+        way = np.concatenate([[0.0], np.cumsum(0.5 * (1.0 / slope[1:] + 1.0 / slope[:-1]) * np.diff(v))])
+        self._way, self._speeds, self._slopes = way, v, slope
 
-    def safe_m_s(self, distance_m: float) -> float:
-        """Return the largest speed towards a wall at a distance of the hull; negative where it is too near."""
+    def safe(self, distance_m: float) -> tuple[float, float]:
+        """Return the largest speed towards a wall in m/s at a distance of the hull, and its slope in 1/s.
+
+        Negative where the hull is too near already.
+        """
         if distance_m < 0.0:
-            return RATE_1_S * distance_m
-        return float(np.interp(distance_m, self._way, self._speeds))
+            return RATE_1_S * distance_m, RATE_1_S
+        speed, slope = (float(np.interp(distance_m, self._way, values)) for values in (self._speeds, self._slopes))
+        return speed, slope
 
     def kept(
         self, tau: Vector3, eta: Vector3, nu: Vector3, push: Vector3, std_m: tuple[float, float]
@@ -77,17 +81,19 @@ class PoolGuard:
                 speed = side * velocity[axis]
                 room = distance - self._vessel.radius_m - GAP_M - 2.0 * std_m[axis] - REACTION_S * max(0.0, speed)
                 normal = (side, 0.0) if axis == 0 else (0.0, side)
-                most = self._most(normal, eta[2], nu, self.safe_m_s(room) - speed, side * push[axis])
+                safe, slope = self.safe(room)
+                rate = CATCH_1_S * (safe - speed) - slope * speed
+                most = self._most(normal, eta[2], nu, rate, side * push[axis])
                 caps.append((*normal, most, f"{'xy'[axis]} = {size if side > 0.0 else 0.0:g} m"))
         kept, walls = (self._to_all_sides if self._limits[1] else self._ahead_and_astern)(tau, eta[2], caps)
         return kept, f"before the wall at {' and '.join(walls)}" if walls else ""
 
-    def _most(self, normal: tuple[float, float], psi: float, nu: Vector3, to_safe: float, push_n: float) -> float:
-        """Return the largest force towards a wall, N."""
+    def _most(self, normal: tuple[float, float], psi: float, nu: Vector3, rate: float, push_n: float) -> float:
+        """Return the force that gives an acceleration towards a wall, N."""
         ahead, aside = to_body(*normal, psi)
         alpha = self._surge.alpha * ahead * ahead + self._sway.alpha * aside * aside
         drag = self._surge.drag(nu[0]) * ahead + self._sway.drag(nu[1]) * aside
-        return alpha * CATCH_1_S * to_safe + drag - push_n
+        return alpha * rate + drag - push_n
 
     def _to_all_sides(
         self, tau: Vector3, psi: float, caps: list[tuple[float, float, float, str]]
