@@ -131,7 +131,7 @@ class Checks:
         """Return the reference of a mode; what a request leaves open is as it is now. Raise Refused."""
         rule = MODES[mode]
         try:
-            reference = self._path(request, mode) if rule.law == "path" else self._pose(request, rule, pose)
+            reference = self._path(request, mode, pose) if rule.law == "path" else self._pose(request, rule, pose)
             if rule.keeps_depth and self.can_keep_depth:
                 reference = replace(reference, z_m=self._depth(request, pose))
                 if mode == "depth" and reference.z_m is None:
@@ -156,18 +156,16 @@ class Checks:
             self.abilities.check_place(x_m, y_m)
         return Reference(x_m, y_m, psi_rad)
 
-    def _path(self, request: OperatorRequest, mode: Mode) -> Reference:
-        if mode == "line" and len(request.points) != 2:
-            raise ValueError(f"a line goes from one point to another, not through {len(request.points)}")
+    def _path(self, request: OperatorRequest, mode: Mode, pose: NavigationState) -> Reference:
+        points = request.points
+        if mode == "line" and len(points) == 1:  # from here
+            points = (WayPoint(x_m=pose.x_m, y_m=pose.y_m), *points)
+        if mode == "line" and len(points) != 2:
+            raise ValueError(f"a line goes from one point (or from here) to another: {len(points)} are given")
         speed_m_s = 0.5 * self.abilities.ahead_m_s if request.speed_m_s is None else request.speed_m_s
-        points = [(p.x_m, p.y_m) for p in request.points]
-        self.abilities.check_path(points, request.smooth, speed_m_s)
-        return Reference(
-            psi_rad=None if request.psi_rad is None else wrap_angle(request.psi_rad),
-            speed_m_s=speed_m_s,
-            points=request.points,
-            smooth=request.smooth,
-        )
+        self.abilities.check_path([(p.x_m, p.y_m) for p in points], request.smooth, speed_m_s)
+        psi_rad = None if request.psi_rad is None else wrap_angle(request.psi_rad)
+        return Reference(psi_rad=psi_rad, speed_m_s=speed_m_s, points=points, smooth=request.smooth)
 
     def _depth(self, request: OperatorRequest, pose: NavigationState) -> float | None:
         if request.z_m is None:

@@ -1,4 +1,4 @@
-"""`starboard mode NAME`: ask the helm for a mode and a reference."""
+"""`starboard mode NAME`: ask the helm for a mode and a reference: a place, a speed, a depth, way-points."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import math
 import os
 import threading
 import uuid
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
@@ -22,10 +24,23 @@ ANSWER_S = 2.0
 
 
 def mode(  # noqa: PLR0917 - typer makes options of them
-    name: Annotated[str, typer.Argument(help="stop, manual, hold, ...")],
+    name: Annotated[str, typer.Argument(help="stop, manual, hold, heading, speed, depth, line, path.")],
+    file: Annotated[Path | None, typer.Argument(help="Of a path: a file with x,y in m on each line.")] = None,
     x_m: Annotated[float | None, typer.Option(help="Reference in the tank, to the right in the picture.")] = None,
     y_m: Annotated[float | None, typer.Option(help="Reference in the tank, downwards in the picture.")] = None,
     psi_deg: Annotated[float | None, typer.Option(help="Reference heading, clockwise seen from above.")] = None,
+    speed_m_s: Annotated[
+        float | None, typer.Option(help="Speed: ahead, or along a line or path (else half of the top).")
+    ] = None,
+    depth_m: Annotated[float | None, typer.Option(help="Depth, of a vessel that dives.")] = None,
+    from_x_m: Annotated[
+        float | None, typer.Option(help="Beginning of a line; without it the line begins here.")
+    ] = None,
+    from_y_m: Annotated[float | None, typer.Option(help="The same.")] = None,
+    to_x_m: Annotated[float | None, typer.Option(help="End of a line.")] = None,
+    to_y_m: Annotated[float | None, typer.Option(help="The same.")] = None,
+    point: Annotated[list[str] | None, typer.Option(help="Way-point x,y in m of a path; once for each.")] = None,
+    smooth: Annotated[bool, typer.Option("--smooth", help="A spline through the way-points.")] = False,
     lease_s: Annotated[
         float, typer.Option(help="How long a restarted helm may take the mode up again by itself.")
     ] = 600.0,
@@ -34,22 +49,35 @@ def mode(  # noqa: PLR0917 - typer makes options of them
     as_json: Annotated[bool, typer.Option("--json", help="Print the helm's answer as JSON.")] = False,
 ) -> None:
     """Ask the helm for a mode; prints what it answered. Exit code 1 when it refuses."""
+    from pydantic import ValidationError
+
     from bus import topics
     from bus.messages import HelmAnswer, Mode, OperatorRequest
+    from bus.service import first_line
 
     if name not in get_args(Mode):
         raise CliError(f"no mode is called {name!r}; known: {', '.join(get_args(Mode))}")
-    request = OperatorRequest(
-        request_id=uuid.uuid4().hex[:12],
-        client=f"cli-{os.getpid()}",
-        mode=name,
-        x_m=x_m,
-        y_m=y_m,
-        psi_rad=None if psi_deg is None else math.radians(psi_deg),
-        lease_s=lease_s,
-        attended=False,
-        take=take,
-    )
+    places = [*_line((from_x_m, from_y_m), (to_x_m, to_y_m)), *_path(file, point or [])]
+    try:
+        request = OperatorRequest.model_validate(
+            {
+                "request_id": uuid.uuid4().hex[:12],
+                "client": f"cli-{os.getpid()}",
+                "mode": name,
+                "x_m": x_m,
+                "y_m": y_m,
+                "psi_rad": None if psi_deg is None else math.radians(psi_deg),
+                "z_m": depth_m,
+                "speed_m_s": speed_m_s,
+                "points": [{"x_m": x, "y_m": y} for x, y in places],
+                "smooth": smooth,
+                "lease_s": lease_s,
+                "attended": False,
+                "take": take,
+            }
+        )
+    except ValidationError as error:
+        raise CliError(first_line(error)) from None
     answers: list[HelmAnswer] = []
     answered = threading.Event()
 
@@ -71,3 +99,34 @@ def mode(  # noqa: PLR0917 - typer makes options of them
         print(f"{name}: {'accepted' if answer.accepted else 'refused'}{': ' if answer.reason else ''}{answer.reason}")
     if not answer.accepted:
         raise typer.Exit(1)
+
+
+def _line(*ends: tuple[float | None, float | None]) -> list[tuple[float, float]]:
+    """Return the ends of a line that are given; raise CliError for half of one."""
+    given = []
+    for (x, y), which in zip(ends, ("from", "to"), strict=True):
+        if x is not None and y is not None:
+            given.append((x, y))
+        elif (x, y) != (None, None):
+            raise CliError(f"--{which}-x-m and --{which}-y-m belong together")
+    return given
+
+
+def _path(file: Path | None, points: Sequence[str]) -> list[tuple[float, float]]:
+    """Return way-points of a file (lines that begin with # or letters are not read) and of --point."""
+    lines = [(f"--point {text}", text) for text in points]
+    if file is not None:
+        try:
+            text = file.read_text(encoding="utf-8")
+        except (OSError, UnicodeDecodeError) as error:
+            raise CliError(f"{file}: cannot be read: {error}") from None
+        read = [(f"{file}, line {n}", line.strip()) for n, line in enumerate(text.splitlines(), 1)]
+        lines = [(where, line) for where, line in read if line and not (line[0] == "#" or line[0].isalpha())] + lines
+    places = []
+    for where, line in lines:
+        try:
+            x, y = (float(part) for part in line.split(","))
+        except ValueError:
+            raise CliError(f"{where}: a way-point is x,y in metres, not {line!r}") from None
+        places.append((x, y))
+    return places
