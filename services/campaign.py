@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import fmean, stdev
 from typing import Literal, Protocol
 
 from pydantic import Field
@@ -99,62 +101,90 @@ class Results:
 
     path: Path
 
-    def read(self) -> dict[str, ExperimentResult]:
-        """Return the good runs by name; a half-written last line is left out."""
-        found: dict[str, ExperimentResult] = {}
-        if self.path.exists():
-            for line in self.path.read_text(encoding="utf-8").splitlines():
-                try:
-                    entry = json.loads(line)
-                    found[entry["run"]] = ExperimentResult.model_validate(entry["result"])
-                except (ValueError, KeyError):
-                    continue
-        return found
+    def of(self, campaign: CampaignFile) -> dict[str, ExperimentResult]:
+        """Return the good runs of a campaign by name; what was made by another plan is left out."""
+        plans = {name: plan for name, _, plan in campaign.runs()}
+        return {name: result for name, result in self._read() if plans.get(name) == result.plan}
+
+    def _read(self) -> Iterator[tuple[str, ExperimentResult]]:
+        """Yield what is in the file; a half-written line is left out."""
+        for line in self.path.read_text(encoding="utf-8").splitlines() if self.path.exists() else ():
+            try:
+                entry = json.loads(line)
+                yield entry["run"], ExperimentResult.model_validate(entry["result"])
+            except (ValueError, KeyError, TypeError):
+                continue
 
     def add(self, run: str, result: ExperimentResult) -> None:
         """Append a run."""
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"run": run, "result": result.model_dump(mode="json")}) + "\n")
+        text = json.dumps({"run": run, "result": result.model_dump(mode="json")}) + "\n"
+        with self.path.open("ab+") as file:
+            if file.tell():
+                file.seek(-1, os.SEEK_END)
+                text = text if file.read(1) == b"\n" else "\n" + text  # the process before was killed while it wrote
+            file.write(text.encode())
 
 
 def drive(campaign: CampaignFile, results: Results, pilot: Pilot, tell: Callable[[str], None]) -> int:
     """Make the runs that are not in the results yet; return how many failed."""
-    done = results.read()
+    done = results.of(campaign)
+    wanted = list(campaign.runs())
     failed = 0
-    for name, place, plan in campaign.runs():
+    for number, (name, place, plan) in enumerate(wanted, 1):
+        title = f"{number} of {len(wanted)}, {name}"
         if name in done:
-            tell(f"{name}: made before")
+            tell(f"{title}: made before")
             continue
         pilot.rest_at(place, campaign)
         status, result = pilot.run(plan)
         if result is None or status.state != "done":
             failed += 1
-            tell(f"{name}: failed: {status.reason}")
+            tell(f"{title}: failed: {status.reason}")
             continue
         results.add(name, result)
-        tell(f"{name}: " + ", ".join(f"{p.name} {p.value:.4g} {p.unit}" for p in result.methods[0].parameters))
+        tell(f"{title}: " + ", ".join(f"{p.name} {p.value:.4g} {p.unit}" for p in result.methods[0].parameters))
     return failed
 
 
 def summary(results: dict[str, ExperimentResult]) -> list[dict[str, float | str | int]]:
     """Return mean and standard deviation (ddof = 1) of each parameter by each method, as pladypos Table 2.
 
-    Runs with a warning that they end short of their steady state count in `marked`.
+    First over all runs (amplitude 0), then by amplitude. Runs with a warning that they end short of their steady state
+    count in `marked`.
     """
-    import numpy as np
+    levels = sorted({result.plan.amplitude for result in results.values()})
+    rows = _means(0.0, list(results.values()))
+    for level in levels if len(levels) > 1 else ():
+        rows += _means(level, [result for result in results.values() if result.plan.amplitude == level])
+    return rows
 
+
+def _means(amplitude: float, results: list[ExperimentResult]) -> list[dict[str, float | str | int]]:
     values: dict[tuple[str, str, str], list[float]] = {}
     marked: dict[str, int] = {}
-    for result in results.values():
+    for result in results:
         for method in result.methods:
             marked[method.method] = marked.get(method.method, 0) + any("steady state" in w for w in method.warnings)
             for p in method.parameters:
                 values.setdefault((method.method, p.name, p.unit), []).append(p.value)
     rows: list[dict[str, float | str | int]] = []
     for (how, name, unit), found in values.items():
-        std = float(np.std(found, ddof=1)) if len(found) > 1 else math.nan
+        std = stdev(found) if len(found) > 1 else math.nan
         rows.append(
-            {"method": how, "parameter": name, "unit": unit, "runs": len(found), "mean": float(np.mean(found)),
-             "std": std, "marked": marked[how]}
+            {"amplitude": amplitude, "method": how, "parameter": name, "unit": unit, "runs": len(found),
+             "mean": fmean(found), "std": std, "marked": marked[how]}
         )  # fmt: skip
     return rows
+
+
+def table(rows: list[dict[str, float | str | int]]) -> list[str]:
+    """Return a summary as lines of columns."""
+    cells = [list(rows[0]), *([_cell(k, v) for k, v in row.items()] for row in rows)]
+    widths = [max(len(line[column]) for line in cells) for column in range(len(cells[0]))]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in cells]
+
+
+def _cell(key: str, value: float | str | int) -> str:
+    if key == "amplitude" and not value:
+        return "all"
+    return f"{value:.5g}" if isinstance(value, float) else str(value)

@@ -195,7 +195,7 @@ class Experiments(Service):
             return
         self._take_in(run)
         if self.navigation.updated:
-            self._push(run, state, now_s)
+            self._push(run, state, now_s, helm.guard if helm else "")
 
     def _take_in(self, run: Run) -> None:
         for pose in self.pose.take():
@@ -205,7 +205,7 @@ class Experiments(Service):
         for wrench in self.delivered.take():
             run.forces.append((wrench.stamp_ns / NS, getattr(wrench, FIELDS[run.plan.axis]) or 0.0))
 
-    def _push(self, run: Run, state: NavigationState, now_s: float) -> None:
+    def _push(self, run: Run, state: NavigationState, now_s: float, guard: str = "") -> None:
         ahead_m, behind_m = room(self._vessel.pool, self._vessel.radius_m, run.plan.axis, state)
         nu = {
             "surge": state.surge_m_s,
@@ -214,7 +214,7 @@ class Experiments(Service):
             "yaw": state.yaw_rad_s,
         }[run.plan.axis]
         machine = run.machine
-        force = machine.step(Motion(now_s, run.eta(state), nu, ahead_m, behind_m))
+        force = machine.step(Motion(now_s, run.eta(state), nu, ahead_m, behind_m, guard))
         self._status = _progress(run, now_s)
         if force is None:
             if machine.failure:

@@ -23,9 +23,9 @@ _STYLE = (
 )
 _LED_IN = (
     "Rendered pictures, tracker, estimator, controller, helm, experiment, allocator, radio protocol and simulator; "
-    "every number is identified from the MCAP recording alone. The simulator obeys the model that is fitted: this shows what "
-    "pictures, rounding, delay, the control of the other axes and the methods do, not how well the model fits a real "
-    "vessel."
+    "every number is identified from the MCAP recording alone. The simulator obeys the model that is fitted: this "
+    "shows what pictures, rounding, delay, the control of the other axes and the methods do, not how well the model "
+    "fits a real vessel."
 )
 _CAPTION = (
     "PlaDyPos in surge through pictures, tracker and radio, by force (points: seen by the camera, lines: the fitted "

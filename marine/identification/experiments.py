@@ -25,6 +25,8 @@ _AT_REST = 0.02
 _SETTLED = 5.0
 """A response is settled after so many times the time in which it came to 76 %: then 1 - tanh 5 < 0.01 % is left."""
 _LONGEST_S = 180.0
+_GUARD_LINGERS_S = 1.0
+"""What a guard did before the experiment is told for so long."""
 _PRBS_BITS = 127
 _LAST_SWITCH_S = 0.3
 _COAST_M = 2.0
@@ -38,13 +40,17 @@ class ExperimentError(ValueError):
 
 @dataclass(frozen=True)
 class Motion:
-    """One axis at one time: eta in m or rad from the start, nu; room to the walls ahead and behind in m."""
+    """One axis at one time: eta in m or rad from the start, nu; room to the walls ahead and behind in m.
+
+    stopped: why the force is no longer the one that is asked for, as by a guard before the walls; empty: it is.
+    """
 
     t_s: float
     eta: float
     nu: float
     ahead_m: float = inf
     behind_m: float = inf
+    stopped: str = ""
 
 
 @dataclass(frozen=True)
@@ -192,6 +198,9 @@ class Experiment(ABC):
         way = m.ahead_m if m.nu > 0.0 else m.behind_m
         if abs(m.nu) > _AT_REST and way <= braking_distance(self.setup.dof, m.nu, self.setup.limit) * 1.2 + 0.05:
             self.at_wall(f"the wall was {max(way, 0.0):.2f} m away")
+            return None
+        if m.stopped and elapsed_s > _GUARD_LINGERS_S:
+            self.at_wall(f"the guard braked {m.stopped}")
             return None
         if elapsed_s > self.setup.longest_s:
             self.time_over()

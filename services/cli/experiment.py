@@ -14,12 +14,21 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from bus.clock import NS
 from services.cli.errors import CliError
 from services.cli.options import Hub, Json
 from services.cli.system import client
 
 if TYPE_CHECKING:
-    from bus.messages import ExperimentPlan, ExperimentResult, ExperimentStatus, HelmAnswer, Message, NavigationState
+    from bus.messages import (
+        ExperimentPlan,
+        ExperimentResult,
+        ExperimentStatus,
+        HelmAnswer,
+        HelmState,
+        Message,
+        NavigationState,
+    )
     from bus.service import RawSample
     from bus.zenoh_bus import ZenohBus
     from services.campaign import CampaignFile, Place
@@ -83,16 +92,25 @@ class BusPilot:
         from bus import topics
 
         self._bus, self._take, self._quiet = bus, take, quiet
+        self._client = f"cli-{os.getpid()}"
+        self._asked = False
         self._heard = threading.Condition()
         self._answers: dict[str, HelmAnswer] = {}
         self._status: ExperimentStatus | None = None
         self._result: ExperimentResult | None = None
         self._state: NavigationState | None = None
-        for topic in (topics.HELM_ANSWER, topics.EXPERIMENT_STATUS, topics.EXPERIMENT_RESULT, topics.NAVIGATION_STATE):
+        self._helm: HelmState | None = None
+        for topic in (
+            topics.HELM_ANSWER,
+            topics.HELM_STATE,
+            topics.EXPERIMENT_STATUS,
+            topics.EXPERIMENT_RESULT,
+            topics.NAVIGATION_STATE,
+        ):
             bus.subscribe(topic.key, partial(self._hear, topic.message))
 
     def _hear(self, kind: type[Message], sample: RawSample) -> None:
-        from bus.messages import ExperimentResult, ExperimentStatus, HelmAnswer, NavigationState
+        from bus.messages import ExperimentResult, ExperimentStatus, HelmAnswer, HelmState, NavigationState
 
         message = kind.decode(sample.payload)
         with self._heard:
@@ -104,6 +122,8 @@ class BusPilot:
                 self._result = message
             elif isinstance(message, NavigationState):
                 self._state = message
+            elif isinstance(message, HelmState):
+                self._helm = message
             self._heard.notify_all()
 
     def ask(self, **wish: Any) -> str:
@@ -112,7 +132,7 @@ class BusPilot:
         from bus.messages import OperatorRequest
 
         request = OperatorRequest(
-            stamp_ns=time.time_ns(), source="cli", request_id=uuid.uuid4().hex[:12], client=f"cli-{os.getpid()}",
+            stamp_ns=self._bus.clock.now_ns(), source="cli", request_id=uuid.uuid4().hex[:12], client=self._client,
             lease_s=LEASE_S, attended=False, take=self._take, **wish,
         )  # fmt: skip
         self._bus.publish(topics.OPERATOR_REQUEST, request)
@@ -122,6 +142,7 @@ class BusPilot:
             answer = self._answers[request.request_id]
         if not answer.accepted:
             raise CliError(f"refused: {answer.reason}")
+        self._asked = True
         return request.request_id
 
     def run(self, plan: ExperimentPlan) -> tuple[ExperimentStatus, ExperimentResult | None]:
@@ -158,22 +179,29 @@ class BusPilot:
         raise CliError("the experiment's process is silent: see `starboard status`")
 
     def rest_at(self, place: Place, campaign: CampaignFile) -> None:
-        """Hold the place and wait for calm."""
+        """Hold the place and wait for calm; raise CliError when it does not come, or somebody else took the helm."""
+        from rich.console import Console
+
         from services.campaign import at_rest
 
+        taken_by = self._helm.holder if self._helm is not None and self._asked else ""
+        if taken_by not in ("", self._client):
+            raise CliError(f"{taken_by} has taken the helm: the campaign ends here")
         self.ask(mode="hold", x_m=place.x_m, y_m=place.y_m, psi_rad=place.psi_rad)
-        end_s = time.monotonic() + campaign.patience_s
-        calm_since_s = math.inf
-        while time.monotonic() - calm_since_s < campaign.calm_s:
-            with self._heard:
-                self._heard.wait(1.0)
-                state = self._state
-            if state is None or not at_rest(state, place, campaign):
-                calm_since_s = math.inf
-            elif calm_since_s == math.inf:
-                calm_since_s = time.monotonic()
-            if time.monotonic() > end_s:
-                raise CliError(f"no calm at x {place.x_m}, y {place.y_m} within {campaign.patience_s:.0f} s")
+        clock, seen_ns = self._bus.clock, 0
+        end_ns = clock.now_ns() + round(campaign.patience_s * NS)
+        calm_since_ns: int | None = None
+        with Console(stderr=True, quiet=self._quiet).status(f"to x {place.x_m:g} m, y {place.y_m:g} m, and calm there"):
+            while calm_since_ns is None or seen_ns - calm_since_ns < campaign.calm_s * NS:
+                with self._heard:
+                    self._heard.wait(1.0)
+                    state = self._state
+                if state is not None and state.stamp_ns > seen_ns:
+                    seen_ns = state.stamp_ns
+                    calm = at_rest(state, place, campaign)
+                    calm_since_ns = (calm_since_ns or seen_ns) if calm else None
+                if clock.now_ns() > end_ns:
+                    raise CliError(f"no calm at x {place.x_m:g}, y {place.y_m:g} within {campaign.patience_s:g} s")
 
 
 def progress_line(status: ExperimentStatus) -> str:
@@ -214,21 +242,24 @@ def _dump(result: ExperimentResult | None) -> dict[str, Any] | None:
 
 def _campaign(path: Path | None, hub: str | None, take: bool, as_json: bool) -> None:
     from bus.config import parse, read_toml
-    from services.campaign import CampaignFile, Results, drive, summary
+    from services.campaign import CampaignFile, Results, drive, summary, table
 
     if path is None:
         raise CliError("a campaign needs --file FILE.toml: see docs/identification.md")
     campaign = parse(CampaignFile, read_toml(path), path)
     results = Results(path.with_suffix(".results.jsonl"))
-    with client(hub) as bus:
-        failed = drive(campaign, results, BusPilot(bus, take, quiet=True), lambda line: print(line, flush=True))
-    rows = summary(results.read())
+    try:
+        with client(hub) as bus:
+            failed = drive(campaign, results, BusPilot(bus, take, quiet=as_json), lambda line: print(line, flush=True))
+    except (CliError, KeyboardInterrupt) as why:
+        ended = str(why) or "broken off: the vessel holds where it is going"
+        made = len(results.of(campaign))
+        raise CliError(f"{ended}; {made} runs are in {results.path}, the same command goes on with the rest") from None
+    rows = summary(results.of(campaign))
     if as_json:
         print(json.dumps({"failed": failed, "results": [{k: _finite(v) for k, v in row.items()} for row in rows]}))
     else:
-        print("  ".join(rows[0]) if rows else "no good run yet")
-        for row in rows:
-            print("  ".join(f"{v:.6g}" if isinstance(v, float) else str(v) for v in row.values()))
+        print("\n".join(table(rows)) if rows else "no good run yet")
     if failed:
         raise typer.Exit(1)
 

@@ -89,7 +89,7 @@ def test_surge_step_from_wall_to_wall_with_the_other_axes_held(tmp_path: Path, d
     alpha, beta = error(result, "surge")
     assert abs(alpha) < 0.02
     assert abs(beta) < 0.01
-    assert "the wall was" in result.methods[0].warnings[-1]
+    assert "before the wall" in result.methods[0].warnings[-1]
     assert max(abs(t.y_m - star.truth[0].y_m) for t in star.truth) < 0.03
     assert max(abs(t.psi_rad) for t in star.truth) < 0.05
     star.bus.run_for(15.0)  # hold: it has braked before the wall, and stays
@@ -239,11 +239,12 @@ def test_a_campaign_goes_on_after_a_break_and_tells_mean_and_deviation(tmp_path:
     assert drive(campaign.model_copy(update={"amplitudes": (0.3,)}), results, pilot, told.append) == 0
     with results.path.open("a") as file:
         file.write('{"run": "0.8 +1 1", "result": {"half')  # killed while it wrote
-    results.path.write_text(results.path.read_text() + "\n")
     assert drive(campaign, results, pilot, told.append) == 0
     assert pilot.runs == 4
-    assert told[2:4] == ["0.3 +1 1: made before", "0.3 -1 1: made before"]
-    rows = {(r["method"], r["parameter"]): r for r in summary(results.read())}
+    assert told[2:4] == ["1 of 4, 0.3 +1 1: made before", "2 of 4, 0.3 -1 1: made before"]
+    another = campaign.model_copy(update={"axis": "sway"})
+    assert not results.of(another), "runs by another plan are not its own"
+    rows = {(r["method"], r["parameter"]): r for r in summary(results.of(campaign)) if r["amplitude"] == 0.0}
     for parameter, true in (("alpha", MODEL.surge.alpha), ("beta_quadratic", MODEL.surge.beta_quadratic)):
         row = rows["response fit", parameter]
         assert row["runs"] == 4
