@@ -15,6 +15,7 @@ import { isTyping, Sticks } from "./sticks.js";
 import { Store } from "./store.js";
 import { Table } from "./table.js";
 import { toast } from "./toasts.js";
+import { Tune } from "./tune.js";
 
 const STICK_MS = 50;
 const CENTRE = { surge: 0, sway: 0, yaw: 0 };
@@ -47,6 +48,7 @@ const plots = new Plots(store, system, unitOf);
 const table = new Table(store, plots, describe);
 const health = new Health(store, link, system);
 const experiment = new Experiment(helm, store);
+const tune = new Tune(helm, link, store, system);
 const faults = new Faults(link, store, system);
 const calibration = new Calibration(link, store);
 
@@ -59,7 +61,10 @@ function acting() {
 let aliveAt = 0;
 function onFrame(frame) {
   store.apply(frame);
-  for (const answer of frame.answers) helm.answered(answer);
+  for (const answer of frame.answers) {
+    helm.answered(answer);
+    tune.answered(answer);
+  }
   if (frame.refused) toast(`The server refused a message: ${frame.refused}`, { level: "error" });
   helm.renew();
   camera.showExamined();
@@ -144,6 +149,7 @@ setInterval(() => {
   table.tick();
   faults.tick();
   experiment.tick();
+  tune.tick();
   calibration.tick();
   camera.tick();
   helm.show();
