@@ -29,6 +29,7 @@ from bus.messages import (
     Stick,
     Tuning,
     TuningRequest,
+    WayPoints,
 )
 from bus.service import first_line
 from bus.topics import Topic
@@ -68,6 +69,10 @@ class ModeMessage(_FromPage):
     x_m: float | None = None
     y_m: float | None = None
     psi_rad: float | None = None
+    z_m: float | None = None
+    speed_m_s: float | None = None
+    points: WayPoints = ()
+    smooth: bool = False
     experiment: ExperimentPlan | None = None
     take: bool = False
 

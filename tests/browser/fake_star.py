@@ -72,7 +72,9 @@ class FakeHelm(Service):
             return f"{self.wanted.holder} has the helm: take over to act"
         lease = {"holder": request.client, "attended": True, "lease_expires_ns": now_ns + round(request.lease_s * NS)}
         if request.action == "mode":
-            fields = request.model_dump(include={"mode", "x_m", "y_m", "psi_rad"})
+            names = ("mode", "x_m", "y_m", "psi_rad", "points", "smooth", "speed_m_s", "request_id")
+            fields = {name: getattr(request, name) for name in names}
+            fields["sources"] = {"surge": "manual"} if request.mode == "manual" else {}
             armed = "disarmed" if request.mode == "stop" else "armed"
             self.wanted = self.wanted.model_copy(update=fields | {"status": armed, "suspended": False, "reason": ""})
         self.wanted = self.wanted.model_copy(update=lease)
@@ -188,7 +190,20 @@ class FakeVessel(Service):
         commands = {t.name: round(15 * math.sin(self.psi + i), 0) for i, t in enumerate(VESSEL.thrusters)}
         self.command.publish(m.ActuatorCommand(commands=commands))
         helm = self.helm.latest
-        if helm is not None and helm.x_m is not None and helm.y_m is not None:
+        if helm is not None and helm.points:
+            end = helm.points[-1]
+            self.control.publish(
+                m.ControlStatus(
+                    law="ipd",
+                    in_charge=True,
+                    request_id=helm.request_id,
+                    reference_x_m=end.x_m,
+                    reference_y_m=end.y_m,
+                    reference_psi_rad=0.0,
+                    leg=max(0, len(helm.points) - 2),
+                )
+            )
+        elif helm is not None and helm.x_m is not None and helm.y_m is not None:
             self.control.publish(
                 m.ControlStatus(
                     law="positioning",

@@ -139,6 +139,61 @@ def test_typed_numbers_choose_a_place_inside_the_pool(page: Page, star: FakeStar
     assert request.psi_rad == pytest.approx(math.pi / 2)
 
 
+COUNT_OF_COLOUR = """([x0, y0, x1, y1]) => {
+  const canvas = document.querySelector("#map");
+  const ratio = canvas.width / canvas.clientWidth, box = canvas.getBoundingClientRect();
+  const [left, top] = [Math.min(x0, x1) - box.left - 2, Math.min(y0, y1) - box.top - 2].map((v) => v * ratio);
+  const [width, height] = [Math.abs(x1 - x0) + 5, Math.abs(y1 - y0) + 5].map((v) => v * ratio);
+  const { data } = canvas.getContext("2d").getImageData(left, top, width, height);
+  let count = 0;
+  for (let i = 0; i < data.length; i += 4) count += data[i] > 200 && data[i + 1] > 140 && data[i + 2] < 110;
+  return count / ratio / ratio;
+}"""
+"""How many pixels between two places on the screen have the colour of a reference."""
+
+
+def test_way_points_are_set_moved_and_deleted_on_the_map_and_followed(page: Page, star: FakeStar) -> None:
+    page.click("#route-edit")
+    for place in ((1.0, 1.0), (3.0, 1.0), (3.0, 2.5), (4.0, 3.0)):
+        press_at(page, *place)
+    at = page.evaluate("starboard.worldToMap(4.0, 3.0)")
+    page.mouse.dblclick(at["x"], at["y"])
+    begin, end = (page.evaluate(f"starboard.worldToMap({x}, 2.5)") for x in (3.0, 2.0))
+    page.mouse.move(begin["x"], begin["y"])
+    page.mouse.down()
+    page.mouse.move(end["x"], end["y"], steps=4)
+    page.mouse.up()
+    page.wait_for_function("starboard.state.route.length === 3 && starboard.state.route[2].x_m < 2.1")
+    assert star.requests == [], "nothing is asked before Follow"
+    page.check("#route-smooth")
+    page.fill("#route-speed", "0.12")
+    expect(page.locator("#route-follow")).to_have_text("Follow path")
+    page.click("#route-follow")
+    expect(page.locator("#mode")).to_have_text("following path")
+    request = star.requests[0]
+    assert (request.mode, request.smooth, request.speed_m_s) == ("path", True, 0.12)
+    assert [(round(p.x_m, 1), round(p.y_m, 1)) for p in request.points] == [(1.0, 1.0), (3.0, 1.0), (2.0, 2.5)]
+    expect(page.locator("#route-follow")).to_be_disabled()  # it is the helm's now
+    first, last = (page.evaluate(f"starboard.worldToMap({x}, 1.0)") for x in (1.5, 2.5))
+    box = [first["x"], first["y"] - 40, last["x"], last["y"] + 40]
+    page.wait_for_function(f"({COUNT_OF_COLOUR})({box}) > 60")  # the path in force, bent between its way-points
+
+
+def test_one_way_point_is_a_line_from_here(page: Page, star: FakeStar) -> None:
+    page.click("#route-edit")
+    press_at(page, 2.0, 2.0)
+    page.click("#route-follow")
+    expect(page.locator("#mode")).to_have_text("following line")
+    assert (star.requests[0].mode, len(star.requests[0].points), star.requests[0].speed_m_s) == ("line", 1, None)
+
+
+def test_the_guard_is_shown(page: Page, star: FakeStar) -> None:
+    star.helm.wanted = star.helm.wanted.model_copy(update={"guard": "before the wall at x = 5 m"})
+    expect(page.locator("#guard")).to_have_text("Guard: kept before the wall at x = 5 m")
+    star.helm.wanted = star.helm.wanted.model_copy(update={"guard": ""})
+    expect(page.locator("#guard")).to_be_hidden()
+
+
 def test_the_stick_drives_in_manual_and_is_let_go_with_the_button(page: Page, star: FakeStar) -> None:
     push_stick(page, "#stick", 0.0, -60.0)
     page.mouse.up()

@@ -5,18 +5,22 @@ import { toast } from "./toasts.js";
 
 const RENEW_MS = 1000;
 const ANSWER_MS = 1500;
-const NAMES = { stop: "stopped", manual: "manual", hold: "holding", heading: "keeping heading", experiment: "experiment" };
-const ACCEPTED = { stop: "Stopped", manual: "You have the stick", experiment: "The experiment begins" };
+const NAMES = { stop: "stopped", manual: "manual", hold: "holding", heading: "keeping heading", experiment: "experiment",
+  depth: "keeping depth", speed: "keeping speed", line: "following line", path: "following path", distance: "keeping distance" };
+const ACCEPTED = { stop: "Stopped", manual: "You have the stick", experiment: "The experiment begins",
+  line: "Following the line", path: "Following the path" };
 
 export class Helm {
-  constructor(link, store, reference) {
-    Object.assign(this, { link, store, reference });
+  constructor(link, store, reference, route) {
+    Object.assign(this, { link, store, reference, route });
     this.waiting = new Map(); // request_id -> {mode, reference}
     this.requests = 0;
     this.renewedAt = 0;
     this.modeOutput = document.querySelector("#mode");
     this.manualButton = document.querySelector("#manual");
     this.holdButton = document.querySelector("#hold");
+    this.guardNote = document.querySelector("#guard");
+    route.followButton.onclick = () => this.ask(...route.wish);
     this.leaseNote = document.querySelector("#lease");
     document.querySelector("#stop").onclick = () => this.stop();
     this.manualButton.onclick = () => this.manual();
@@ -30,7 +34,7 @@ export class Helm {
   /** Whether this page's stick acts. */
   get driving() {
     const state = this.state;
-    return this.link.open && ["manual", "heading"].includes(state?.mode) && state.holder === this.link.client;
+    return this.link.open && Object.values(state?.sources ?? {}).includes("manual") && state.holder === this.link.client;
   }
 
   stop() {
@@ -65,6 +69,7 @@ export class Helm {
     if (!this.waiting.delete(request_id)) return;
     if (accepted) {
       if (wish.mode === "hold") this.reference.clear();
+      if (wish.pose.points) this.route.clear();
       toast(ACCEPTED[wish.mode] ?? "Holding");
       return;
     }
@@ -97,6 +102,8 @@ export class Helm {
     this.holdButton.setAttribute("aria-pressed", mode === "hold");
     text(this.holdButton, this.reference.chosen ? "Hold there" : "Hold here");
     text(this.leaseNote, this.lease(state));
+    text(this.guardNote, state?.guard ? `Guard: kept ${state.guard}` : "");
+    this.guardNote.hidden = !state?.guard;
     this.reference.follow();
   }
 

@@ -11,6 +11,7 @@ import { Link } from "./link.js";
 import { PoolMap } from "./map.js";
 import { Plots } from "./plots.js";
 import { Reference } from "./reference.js";
+import { Route } from "./route.js";
 import { isTyping, Sticks } from "./sticks.js";
 import { Store } from "./store.js";
 import { Table } from "./table.js";
@@ -40,8 +41,9 @@ function unitOf(key, path) {
 const store = new Store();
 const link = new Link({ onFrame, onImage });
 const reference = new Reference(system, acting);
-const helm = new Helm(link, store, reference);
-const map = new PoolMap(store, system, reference);
+const route = new Route(system);
+const helm = new Helm(link, store, reference, route);
+const map = new PoolMap(store, system, reference, route);
 const camera = new CameraView(store, system);
 const sticks = new Sticks();
 const plots = new Plots(store, system, unitOf);
@@ -169,6 +171,7 @@ window.starboard = {
       connected: link.open,
       driving: helm.driving,
       chosen: reference.chosen,
+      route: route.points,
       sent,
       values: Object.fromEntries([...store.variables].map(([key, variable]) => [key, variable.value])),
     };

@@ -1,19 +1,23 @@
 // The pool from above in {E}: x to the right, y downwards, psi clockwise, as the camera sees it.
 
 import { fixed } from "./format.js";
+import { curves } from "./route.js";
 
 const TRAIL_S = 60;
 const DRAG_PX = 12;
+const GRAB_PX = 14; // so near to a way-point a press takes it
 const BOW = 1.25; // as drawn, in radii
 const [WIDE, HIGH] = [34, 42]; // room for the numbers at the walls, in px
 export const COLOURS = { estimate: "#4fc3df", reference: "#f2b84b", truth: "#a99bf5", push: "#ff8a65", thrust: "#8ee6a4" };
 
 export class PoolMap {
-  constructor(store, system, reference) {
-    Object.assign(this, { store, system, reference });
+  constructor(store, system, reference, route) {
+    Object.assign(this, { store, system, reference, route });
     this.canvas = document.querySelector("#map");
     this.context = this.canvas.getContext("2d");
     this.listen();
+    this.listenForRoute();
+    route.changed = () => this.draw();
     new ResizeObserver(() => this.resize()).observe(this.canvas);
   }
 
@@ -57,7 +61,7 @@ export class PoolMap {
   listen() {
     let from = null;
     this.canvas.addEventListener("pointerdown", (event) => {
-      if (event.button > 0) return;
+      if (event.button > 0 || this.route.editing) return;
       from = event;
       this.canvas.setPointerCapture(event.pointerId);
       const psi_rad = (this.reference.chosen ?? this.reference.current())?.psi_rad ?? 0;
@@ -81,6 +85,34 @@ export class PoolMap {
     }, { passive: false });
   }
 
+  // --- way-points: a press sets one or takes one to move it, a double click or the right button deletes it
+
+  listenForRoute() {
+    let taken = -1;
+    const near = (event) => {
+      const box = this.canvas.getBoundingClientRect();
+      const off = (p) => Math.hypot(this.px(p.x_m) - event.clientX + box.left, this.py(p.y_m) - event.clientY + box.top);
+      return this.route.points.findIndex((p) => off(p) < GRAB_PX);
+    };
+    const remove = (event) => {
+      const index = this.route.editing ? near(event) : -1;
+      if (index < 0) return;
+      event.preventDefault();
+      taken = -1;
+      this.route.remove(index);
+    };
+    this.canvas.addEventListener("pointerdown", (event) => {
+      if (!this.route.editing || event.button > 0) return;
+      this.canvas.setPointerCapture(event.pointerId);
+      taken = near(event);
+      if (taken < 0) taken = this.route.add(this.clientToWorld(event));
+    });
+    this.canvas.addEventListener("pointermove", (event) => taken >= 0 && this.route.move(taken, this.clientToWorld(event)));
+    for (const end of ["pointerup", "pointercancel"]) this.canvas.addEventListener(end, () => (taken = -1));
+    this.canvas.addEventListener("dblclick", remove);
+    this.canvas.addEventListener("contextmenu", remove);
+  }
+
   // --- drawing
 
   draw() {
@@ -96,6 +128,8 @@ export class PoolMap {
     const state = this.store.get("navigation/state");
     const helm = this.store.fresh("helm/state", 1.5);
     const held = helm?.mode !== "stop" && helm?.x_m != null && helm?.y_m != null ? helm : null;
+    if (helm?.points?.length > 1) this.drawFollowed(c, helm);
+    if (this.route.points.length) this.drawRoute(c, this.route.points, this.route.smooth, { dash: [6, 5], numbers: true });
     if (held && state) this.drawLeg(c, state, held);
     if (held) this.drawShape(c, held, { stroke: COLOURS.reference, width: 2 });
     const truth = this.store.fresh("simulation/truth", 1);
@@ -154,6 +188,40 @@ export class PoolMap {
       c.stroke();
     }
     c.globalAlpha = 1;
+  }
+
+  /** The path in force: the present leg bold, and the reference that runs along it. */
+  drawFollowed(c, helm) {
+    const told = this.store.fresh("control/status", 1);
+    const status = told?.request_id === helm.request_id ? told : null;
+    this.drawRoute(c, helm.points, helm.smooth, { leg: status?.leg });
+    if (status?.reference_x_m == null) return;
+    const at = { x_m: status.reference_x_m, y_m: status.reference_y_m, psi_rad: status.reference_psi_rad };
+    this.drawShape(c, at, { stroke: COLOURS.reference, width: 1.5, alpha: 0.8 });
+  }
+
+  drawRoute(c, points, smooth, { leg = null, dash = [], numbers = false }) {
+    c.strokeStyle = c.fillStyle = COLOURS.reference;
+    c.setLineDash(dash);
+    const at = (p) => [this.px(p.x_m), this.py(p.y_m)];
+    curves(points, smooth).forEach(([from, first, second, to], index) => {
+      c.lineWidth = index === leg ? 3.5 : 1.5;
+      c.beginPath();
+      c.moveTo(...at(from));
+      c.bezierCurveTo(...at(first), ...at(second), ...at(to));
+      c.stroke();
+    });
+    c.setLineDash([]);
+    points.forEach((point, index) => {
+      const [x, y] = at(point);
+      c.beginPath();
+      c.arc(x, y, numbers ? 7 : 4, 0, 7);
+      c.fill();
+      if (!numbers) return;
+      c.fillStyle = "#1b1508";
+      c.fillText(String(index + 1), x, y);
+      c.fillStyle = COLOURS.reference;
+    });
   }
 
   drawLeg(c, from, to) {
