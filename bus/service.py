@@ -135,7 +135,7 @@ class Input(Generic[M]):
         self.updated = False
         if self._taken:
             self._taken = []
-        if not (self._pending or self._arrived) or self._held(now_ns):
+        if not (self._pending or self._arrived) or (self.min_interval_ns and self._held(now_ns)):
             return
         self._decode_pending()
         if not self._arrived:
@@ -158,16 +158,18 @@ class Input(Generic[M]):
             self.overwritten += count
 
     def _decode_pending(self) -> None:
-        while self._pending:
-            key, number, sample = self._pending.popleft()
-            message = sample if isinstance(sample, self.topic.message) else self._decode(sample)
+        pending, kind = self._pending, self.topic.message
+        while pending:
+            key, number, sample = pending.popleft()
+            message = sample if isinstance(sample, kind) else self._decode(sample)
             if message is None:
                 continue
             self._count_gaps(key, number, message)
-            before = self.by_key.get(key) if self.is_pattern else self.latest
-            self.latest = message
+            before = self.latest
             if self.is_pattern:
+                before = self.by_key.get(key)
                 self.by_key[key] = message
+            self.latest = message
             if not (self.changed_only and before is not None and _content(before) == _content(message)):
                 self._arrived.append(message)
 

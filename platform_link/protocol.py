@@ -24,6 +24,7 @@ _STATE = struct.Struct("<BHHH")  # flags, battery in mV, CRC errors, refused com
 _CRC = struct.Struct("<I")
 _DEAD_MAN, _ANSWER = 1, 2
 _NO_BATTERY = 0xFFFF
+_MOST = 32767
 _MAX_ENCODED = 254  # longest chunk for which COBS needs no code 0xFF
 
 
@@ -73,8 +74,10 @@ def encode(message: Command | Telemetry) -> bytes:
 
 
 def _header(kind: int, seq: int, time_us: int, commands: Sequence[float]) -> bytes:
-    scaled = [min(max(round(c * COMMANDS_PER_UNIT), -32767), 32767) for c in commands]
+    scaled = [round(c * COMMANDS_PER_UNIT) for c in commands]
     count = len(scaled)
+    if count and not -_MOST <= min(scaled) <= max(scaled) <= _MOST:
+        scaled = [min(max(c, -_MOST), _MOST) for c in scaled]
     return _HEADER.pack(VERSION, kind, seq & 0xFFFF, time_us & 0xFFFFFFFF, count) + struct.pack(f"<{count}h", *scaled)
 
 

@@ -131,10 +131,10 @@ class PoseEkf:
         if not w[0] * e_x + w[1] * e_y + w[2] * e_psi <= self.tuning.gate:  # not a number is refused, too
             return self._suspected(x_m, y_m, psi_rad)
         self._suspects = 0
-        dx, dy, dpsi, du, dv, dr, dd_x, dd_y, dd_n = (PH @ w).tolist()
+        dx, dy, dpsi, du, dv, dr, dd_x, dd_y, dd_n = PH.dot(w).tolist()
         self.state = (x + dx, y + dy, wrap_angle(psi + dpsi), u + du, v + dv, r + dr)
         self.disturbance = (d_x + dd_x, d_y + dd_y, d_n + dd_n)
-        P = P - PH @ S_inverse @ PH.T
+        P = P - PH.dot(S_inverse).dot(PH.T)
         self.covariance = 0.5 * (P + P.T)
         return Verdict.USED
 
