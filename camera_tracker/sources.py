@@ -235,21 +235,33 @@ class FrameWriter:
         # Also the reading end: then opening never waits for a reader, and a reader's death raises nothing here.
         self._fifo = os.open(directory / _FIFO, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
 
+    def blank(self) -> Image:
+        """Return the next frame's place in the ring, with an old picture in it: what is drawn there is not copied."""
+        index, slot = self._next()
+        self._lock(slot, 2 * index + 1, 0)
+        return self._slots[slot]
+
     def write(self, image: Image, stamp_ns: int) -> int:
         """Write a frame with its capture time (UNIX ns) and return its index; ValueError when its shape is wrong."""
         width, height = self._size
         if image.shape != (height, width, 3) or image.dtype != np.uint8:
             raise ValueError(f"got a frame {image.shape} {image.dtype}, expected ({height}, {width}, 3) uint8")
-        index = int(_COUNT.unpack_from(self._map, _COUNT_AT)[0])
-        slot = index % _SLOTS
-        at = _slot_at(slot, image.nbytes)
-        _SLOT.pack_into(self._map, at, 2 * index + 1, stamp_ns)
-        np.copyto(self._slots[slot], image)
-        _SLOT.pack_into(self._map, at, 2 * index + 2, stamp_ns)
+        index, slot = self._next()
+        if image is not self._slots[slot]:
+            self._lock(slot, 2 * index + 1, stamp_ns)
+            np.copyto(self._slots[slot], image)
+        self._lock(slot, 2 * index + 2, stamp_ns)
         _COUNT.pack_into(self._map, _COUNT_AT, index + 1)
         with contextlib.suppress(BlockingIOError):  # full: nobody has read for minutes
             os.write(self._fifo, _COUNT.pack(index))
         return index
+
+    def _next(self) -> tuple[int, int]:
+        index = int(_COUNT.unpack_from(self._map, _COUNT_AT)[0])
+        return index, index % _SLOTS
+
+    def _lock(self, slot: int, lock: int, stamp_ns: int) -> None:
+        _SLOT.pack_into(self._map, _slot_at(slot, self._slots[slot].nbytes), lock, stamp_ns)
 
     def close(self) -> None:
         """Let go of the files; they stay, so that a reader waits for the next writer."""

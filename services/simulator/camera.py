@@ -1,7 +1,8 @@
 """The overhead camera as the simulator draws it: water, glare, the vessel with its marker, blur and noise.
 
 Everything costly is made once: the water, the vessel at four times the resolution with the blur already in it, and the
-noise as two tiles (what to add, what to subtract) of which each frame takes a cut at a random place.
+noise as two tiles (what to add, what to subtract) of which each frame takes a cut at a random place. All but the vessel
+can be drawn before the moment of the exposure (`Renderer.prepare`).
 """
 
 from __future__ import annotations
@@ -32,6 +33,9 @@ _BLACK_BGR = (32.0, 32.0, 32.0)
 _GLARES = 5
 
 _Float = NDArray[np.float32]
+_Box = tuple[slice, slice]
+"""Rows and columns of a part of the picture."""
+_WHOLE: _Box = (slice(None), slice(None))
 
 
 @dataclass(frozen=True)
@@ -86,7 +90,10 @@ class Renderer:
         self._scale = camera.scale_px_per_m
         self._width, self._height = camera.width_px, camera.height_px
         self._random = np.random.default_rng(seed)
-        self._image = np.zeros((self._height, self._width, 3), np.uint8)
+        self._own_image: Image = np.zeros((self._height, self._width, 3), np.uint8)
+        self._image = self._own_image
+        self._ground: Image = np.zeros_like(self._own_image)
+        """The next frame without noise."""
         self._water = self._make_water()
         self._more, self._less = self._make_noise(noise_std)
         self._glare = _make_glare(radius_px=22)
@@ -97,6 +104,8 @@ class Renderer:
         self._reach_m = radius_m + 4.0 * blur_px / self._scale
         self._sprite = _make_sprite(vessel, self._reach_m, blur_px, square)
         self._frames = 0
+        self._noise_at = (0, 0)
+        self._ready_for: tuple[float, float] | None = None
 
     def render(
         self,
@@ -117,25 +126,46 @@ class Renderer:
         during the exposure, in whose middle it is at (x_m, y_m); `spots`: reflections over the vessel; `board_at_s`: a
         calibration board is before the lens, in the pose of that time.
         """
-        self._frames += 1
-        cut_x, cut_y = (int(v) for v in self._random.integers(0, 2 * _MARGIN, 2))
+        if self._ready_for != shift_px:
+            self.prepare(shift_px)
+        image, self._ready_for = self._image, None
         if black:
-            self._image[:] = 0
-            return self._image
-        left, top = (_MARGIN - round(min(max(v, -_MARGIN), _MARGIN)) for v in shift_px)
-        np.copyto(self._image, self._cut(self._water, left, top))
-        self._draw_glare()
+            image[:] = 0
+            return image
         at = (x_m * self._scale - 0.5 + shift_px[0], y_m * self._scale - 0.5 + shift_px[1])
-        self._draw_vessel(*at, psi_rad, motion_px)
-        for spot in spots:
-            self._draw_spot(spot)
-        if board_at_s is not None:
-            self._board.draw(self._image, board_at_s)
-        if self._light != 1.0:
-            np.copyto(self._image, cv2.convertScaleAbs(self._image, alpha=self._light))
-        cv2.add(self._image, self._cut(self._more, cut_x, cut_y), dst=self._image)
-        cv2.subtract(self._image, self._cut(self._less, cut_x, cut_y), dst=self._image)
-        return self._image
+        box = self._draw_vessel(*at, psi_rad, motion_px)
+        if spots or board_at_s is not None or self._light != 1.0:
+            box = _WHOLE
+            for spot in spots:
+                self._draw_spot(spot)
+            if board_at_s is not None:
+                self._board.draw(self._ground, board_at_s)
+            if self._light != 1.0:
+                np.copyto(self._ground, cv2.convertScaleAbs(self._ground, alpha=self._light))
+        if box is not None:
+            self._add_noise(box)
+        return image
+
+    def prepare(self, shift_px: tuple[float, float] = (0.0, 0.0), canvas: Image | None = None) -> None:
+        """Draw all of the next frame but the vessel, ahead of time: `render` with this shift then draws only that.
+
+        canvas: where the frame is drawn, instead of a buffer of our own.
+        """
+        self._image = self._own_image if canvas is None else canvas
+        if self._ready_for is None:
+            self._frames += 1
+            cut_x, cut_y = (int(v) for v in self._random.integers(0, 2 * _MARGIN, 2))
+            self._noise_at = cut_x, cut_y
+        self._ready_for = shift_px
+        left, top = (_MARGIN - round(min(max(v, -_MARGIN), _MARGIN)) for v in shift_px)
+        np.copyto(self._ground, self._cut(self._water, left, top))
+        self._draw_glare()
+        self._add_noise(_WHOLE)
+
+    def _add_noise(self, box: _Box) -> None:
+        """Finish a part of the image: the ground with noise."""
+        cv2.add(self._ground[box], self._cut(self._more, *self._noise_at)[box], dst=self._image[box])
+        cv2.subtract(self._image[box], self._cut(self._less, *self._noise_at)[box], dst=self._image[box])
 
     @cached_property
     def _board(self) -> HeldBoard:
@@ -151,7 +181,7 @@ class Renderer:
             time = 0.02 * self._frames
             x = (self._width - size) * (0.5 + 0.5 * math.sin(a + 0.1 * math.sin(b + time)))
             y = (self._height - size) * (0.5 + 0.5 * math.sin(c + 0.1 * math.sin(d + 1.3 * time)))
-            spot = self._image[int(y) : int(y) + size, int(x) : int(x) + size]
+            spot = self._ground[int(y) : int(y) + size, int(x) : int(x) + size]
             cv2.add(spot, self._glare[: spot.shape[0], : spot.shape[1]], dst=spot)
 
     def _draw_spot(self, spot: Spot) -> None:
@@ -159,16 +189,16 @@ class Renderer:
         y, x = np.ogrid[: self._height, : self._width]
         far = ((x - spot.x_px) ** 2 + (y - spot.y_px) ** 2) / spot.radius_px**2
         light = (spot.grey * np.exp2(-np.minimum(far, 32.0))).astype(np.uint8)
-        cv2.add(self._image, cv2.merge([light, light, light]), dst=self._image)
+        cv2.add(self._ground, cv2.merge([light, light, light]), dst=self._ground)
 
-    def _draw_vessel(self, x_px: float, y_px: float, psi_rad: float, motion_px: tuple[float, float]) -> None:
-        """Blend the sprite over the part of the picture that it covers, with its origin at (x_px, y_px)."""
+    def _draw_vessel(self, x_px: float, y_px: float, psi_rad: float, motion_px: tuple[float, float]) -> _Box | None:
+        """Blend the sprite over the part of the ground that it covers, its origin at (x_px, y_px); return which."""
         way_px = math.hypot(*motion_px)
         reach = self._reach_m * self._scale + 1.0 + 0.5 * way_px
         x0, x1 = max(math.floor(x_px - reach), 0), min(math.ceil(x_px + reach) + 1, self._width)
         y0, y1 = max(math.floor(y_px - reach), 0), min(math.ceil(y_px + reach) + 1, self._height)
         if x0 >= x1 or y0 >= y1:
-            return
+            return None
         moments = 2 * math.ceil(way_px) + 1
         sprite = np.zeros((y1 - y0, x1 - x0, 4), np.float32) if moments > 1 else None
         for k in range(moments):
@@ -178,8 +208,11 @@ class Renderer:
             one = self._turned(dx, dy, psi_rad, (x1 - x0, y1 - y0))
             sprite = one if sprite is None else cv2.scaleAdd(one, 1.0 / moments, sprite)  # type: ignore[assignment]
         assert sprite is not None
-        part = self._image[y0:y1, x0:x1]
-        part[:] = (part * sprite[..., 3:] + sprite[..., :3] + 0.5).astype(np.uint8)
+        part = self._ground[y0:y1, x0:x1]
+        seen_through = cv2.cvtColor(cv2.extractChannel(sprite, 3), cv2.COLOR_GRAY2BGR)
+        below = cv2.multiply(part, seen_through, dtype=cv2.CV_32F)
+        cv2.add(below, cv2.cvtColor(sprite, cv2.COLOR_BGRA2BGR), dst=part, dtype=cv2.CV_8U)
+        return slice(y0, y1), slice(x0, x1)
 
     def _turned(self, dx: float, dy: float, psi_rad: float, size: tuple[int, int]) -> _Float:
         """Return the sprite turned by psi_rad, in a picture (width, height) that begins at (dx, dy) from its origin."""

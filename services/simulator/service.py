@@ -104,6 +104,7 @@ class Simulator(Service):
         self._frame_ns = round(NS / vessel.camera.rate_hz)
         self._early_ns = round(NS / self.rate_hz / 2)
         self._next_frame_ns = 0
+        self._prepared = False
         self._save_s = 0.0
         self._save_error = ""
         self._world: World
@@ -151,6 +152,9 @@ class Simulator(Service):
         if now_ns + self._early_ns >= self._next_frame_ns:
             self._next_frame_ns = max(self._next_frame_ns + self._frame_ns, now_ns + self._early_ns)
             self._look(now_ns, now_s)
+        elif self._renderer is not None and self._frames is not None and not self._prepared:
+            self._prepared = True  # the next picture, while nobody waits for it
+            self._renderer.prepare(self._camera.shift_px, self._frames.blank())
         if self._config.state_file and now_s - self._save_s >= SAVE_PERIOD_S:
             self._save_s = now_s
             self._save(now_ns)
@@ -192,6 +196,7 @@ class Simulator(Service):
                     x, y, psi, shift_px=faults.shift_px, black=faults.black, board_at_s=board_at_s
                 )
                 self._frames.write(image, now_ns)
+                self._prepared = False
         current_x, current_y = self._world.current_m_s
         X, Y, N = self._world.tau
         self.truth.publish(

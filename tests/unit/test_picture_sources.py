@@ -75,6 +75,18 @@ def test_only_the_newest_frame_is_read_and_the_others_are_counted(ring: tuple[Fr
     assert source.dropped == 9
 
 
+def test_a_frame_drawn_in_the_ring_is_read_when_it_is_written(ring: tuple[FrameWriter, Source]) -> None:
+    writer, source = ring
+    for i in range(6):  # once around the ring, and further
+        canvas = writer.blank()
+        canvas[:] = 10 * i
+        assert source.read() is None
+        assert writer.write(canvas, stamp_ns=i) == i
+        frame = source.read()
+        assert frame is not None
+        assert (frame.index, frame.stamp_ns, int(frame.image.max())) == (i, i, 10 * i)
+
+
 def test_frames_from_before_the_reader_came_are_not_news(tmp_path: Path) -> None:
     writer = FrameWriter(tmp_path, W, H)
     writer.write(plain(1), stamp_ns=1)

@@ -90,3 +90,13 @@ def test_a_vessel_that_is_partly_or_wholly_outside_the_picture(noiseless: Render
     changed = (noiseless.render(x_m, y_m, 0.7) != water).any(axis=2)
     x_px, y_px = min(max(round(x_m * 160), 0), 799), min(max(round(y_m * 160), 0), 599)
     assert changed[y_px, x_px] == inside
+
+
+def test_what_is_drawn_ahead_changes_no_picture(vessel: Vessel) -> None:
+    at_once, ahead = Renderer(vessel, 1), Renderer(vessel, 1)
+    canvas = np.full((600, 800, 3), 77, np.uint8)
+    for i, shift_px in enumerate([(0.0, 0.0), (0.0, 0.0), (10.0, -4.0)]):
+        ahead.prepare((0.0, 0.0), canvas)
+        picture = ahead.render(2.0 + 0.1 * i, 1.5, 0.3 * i, shift_px=shift_px)
+        assert (picture is canvas) == (shift_px == (0.0, 0.0))  # knocked since: drawn anew
+        assert np.array_equal(picture, at_once.render(2.0 + 0.1 * i, 1.5, 0.3 * i, shift_px=shift_px))
