@@ -85,6 +85,11 @@ def project(
         raise IdentificationError(
             f"{T_s / dt_s:.0f} samples a period are too few: sample at least {_SAMPLES} times a period"
         )
+    fine = int(T_s / dt_s / 4 / _QUARTER / 2)
+    if fine > 1:  # more points a period than the integrals need: means of neighbours, tau held from the first of them
+        eta, tau = (x[: len(x) // fine * fine].reshape(-1, fine).mean(axis=1) for x in (eta, tau))
+        delay_s -= 0.5 * (fine - 1) * dt_s
+        dt_s *= fine
     phi, y = _equations(eta, tau, T_s, dt_s, delay_s=delay_s, drag=drag)
     names = (*drag_of(drag), "alpha", "delta")
     theta, covariance, residuals = regress(phi, y, batches=int(n))
@@ -98,7 +103,7 @@ def project(
         method="projection on the first harmonics",
         model=f"{drag} drag",
         parameters=parameters(axis, values, {name: float(spread[names.index(name)]) for name in values}),
-        data=DataUsed(len(tau), (len(tau) - 1) * dt_s, int(n), "periods"),
+        data=DataUsed(len(t_s), float(t_s[-1] - t_s[0]), int(n), "periods"),
         citation="thesis (6.33), harmonics without (6.41)'s sine; docs/errata.md",
         warnings=warnings,
         residuals=residuals,
@@ -116,7 +121,7 @@ def _equations(
     quarter = max(_QUARTER, round(T_s / dt_s / 4.0))
     h_s = T_s / 4.0 / quarter
     t_s = np.arange(len(tau), dtype=float) * dt_s
-    edges_s = np.arange(delay_s, t_s[-1], h_s)  # the force before the record is not known
+    edges_s = np.arange(max(delay_s, 0.0), t_s[-1], h_s)  # the force before the record is not known
     middles_s = 0.5 * (edges_s[1:] + edges_s[:-1])
     nu = CubicSpline(t_s, velocity(eta, dt_s, T_s))(middles_s)
     impulse = np.concatenate([[0.0], np.cumsum(tau) * dt_s])

@@ -35,6 +35,12 @@ class Oscillation:
     periods: int = 1
 
 
+def reversals(tau: FloatArray) -> NDArrayInt:
+    """Return the samples after which tau crosses the middle of its range, shape (n,)."""
+    out: NDArrayInt = np.flatnonzero(np.diff(np.sign(tau - 0.5 * (tau.max() + tau.min()))))
+    return out
+
+
 def upward(tau: FloatArray) -> NDArrayInt:
     """Return the samples at which tau goes up through the middle of its range: where periods begin, shape (n,).
 

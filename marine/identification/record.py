@@ -10,6 +10,7 @@ from scipy.signal import savgol_filter
 
 from marine.identification import harmonic, least_squares, response_fit, self_oscillation, step, zigzag
 from marine.identification.experiments import Kind
+from marine.identification.oscillation import reversals
 from marine.identification.result import Axis, Drag, FloatArray, IdentificationError, Identified
 from marine.identification.validation import model_of, simulate
 
@@ -142,7 +143,7 @@ def _acting_s(record: Record) -> FloatArray:
 
 def _window_s(record: Record) -> float:
     """Return half the median time between reversals of tau, or an eighth of the record."""
-    turns = np.flatnonzero(np.diff(np.sign(record.tau - 0.5 * (record.tau.max() + record.tau.min()))))
+    turns = reversals(record.tau)
     whole_s = float(record.t_s[-1])
     return 0.5 * float(np.median(np.diff(turns))) * record.dt_s if len(turns) > 3 else whole_s / 8.0
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 
 from marine.identification.checks import sampled
@@ -9,24 +11,31 @@ from marine.identification.result import Axis, FloatArray, Identified
 from marine.identification.step import steady_state, time_constant
 from marine.vessel import DegreeOfFreedom
 
+Speed = TypeVar("Speed", float, FloatArray)
+
+
+def advance(speed: Speed, force: Speed, h_s: float, model: tuple[Speed, Speed, Speed]) -> Speed:
+    """Return the velocity h_s later under a constant force; model: alpha, beta, beta_quadratic; floats or arrays.
+
+    Exact for constant drag to third order; linear drag is taken at the middle of the step, which is stable at any h_s.
+    """
+    alpha, beta, quadratic = model
+    half = 0.5 * h_s / alpha
+    middle = (speed + half * force) / (1.0 + half * (beta + quadratic * abs(speed)))
+    g = half * (beta + quadratic * abs(middle))
+    return ((1.0 - g) * speed + 2.0 * half * force) / (1.0 + g)
+
 
 def simulate(
     dof: DegreeOfFreedom, t_s: FloatArray, tau: FloatArray, *, nu_0: float = 0.0, delta: float = 0.0
 ) -> FloatArray:
-    """Return the velocity that a model answers tau with, shape (n,); tau[k] is held from t[k] to t[k+1].
-
-    Exact for constant drag; with linear drag each sample is solved with the drag of its start (semi-implicit), which is
-    stable at any sample time.
-    """
+    """Return the velocity that a model answers tau with, shape (n,); tau[k] is held from t[k] to t[k+1]."""
     nu = np.empty(len(t_s))
     nu[0] = speed = float(nu_0)
     steps, forces = np.diff(t_s).tolist(), (np.asarray(tau, dtype=float) + delta).tolist()
+    model = (dof.alpha, dof.beta, dof.beta_quadratic)
     for k, h in enumerate(steps):
-        beta = dof.beta + dof.beta_quadratic * abs(speed)
-        middle = (speed + 0.5 * h * forces[k] / dof.alpha) / (1.0 + 0.5 * h * beta / dof.alpha)
-        beta = dof.beta + dof.beta_quadratic * abs(middle)
-        g = 0.5 * h * beta / dof.alpha
-        speed = ((1.0 - g) * speed + h * forces[k] / dof.alpha) / (1.0 + g)
+        speed = advance(speed, forces[k], h, model)
         nu[k + 1] = speed
     return nu
 

@@ -153,3 +153,19 @@ def test_a_response_fit_finds_a_run_that_ends_early() -> None:
     assert found["alpha"] == pytest.approx(SURGE.alpha, rel=0.01)
     assert found["beta_quadratic"] == pytest.approx(SURGE.beta_quadratic, rel=0.02)
     assert abs(found["alpha"] - SURGE.alpha) < 4.0 * found.parameter("alpha").std
+
+
+def test_a_long_record_is_fitted_in_pieces_that_no_drift_spoils() -> None:
+    """Ten minutes at 50 Hz, a walk of the heading added that one piece of ten minutes could not follow."""
+    rng = np.random.default_rng(3)
+    t = np.arange(30_000) * 0.02
+    tau = np.where(np.arange(t.size) % 300 < 150, 0.5, -0.5)
+    nu = simulate(YAW, t, tau, delta=0.05)
+    eta = np.concatenate([[0.0], np.cumsum(0.01 * (nu[1:] + nu[:-1]))]) + np.cumsum(rng.normal(0.0, 5e-4, t.size))
+    found = fit(t, eta, tau, axis="angular", disturbance=True)
+    assert found.data.pieces == 50
+    assert found["alpha"] == pytest.approx(YAW.alpha, rel=0.01)
+    assert found["beta_quadratic"] == pytest.approx(YAW.beta_quadratic, rel=0.01)
+    assert found["delta"] == pytest.approx(0.05, rel=0.05)
+    with pytest.raises(IdentificationError, match="no response fits"):
+        fit(t, eta, -tau, axis="angular", disturbance=True)

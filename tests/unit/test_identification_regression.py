@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from marine.identification import harmonic, least_squares, self_oscillation, step, validation, zigzag
+from marine.identification import harmonic, least_squares, response_fit, self_oscillation, step, validation, zigzag
 from marine.identification.paper_tables import TABLE_7_12
 from marine.identification.relay_loop import RelayLoop
 from marine.identification.result import Drag, FloatArray, IdentificationError, Identified
@@ -212,6 +212,7 @@ def test_one_hour_at_100_hz_takes_a_second_each() -> None:
         "zig-zag": lambda: zigzag.integrals(t, eta, tau, disturbance=True),
         "describing function": lambda: self_oscillation.from_record(t, eta, tau),
         "projection": lambda: harmonic.project(t, eta, tau),
+        "response fit": lambda: response_fit.fit(t, eta, tau, axis="angular", disturbance=True),
         "step, velocity": lambda: step.type_0(t, speed, 0.08, axis="angular"),
         "step, slope": lambda: step.type_1(t, rising, 0.08),
         "step, whole fit": lambda: step.fit_response(t, 0.08, eta=rising, axis="angular"),
