@@ -37,6 +37,7 @@ COMMANDS = {
     "vessels": "services.cli.vessels:vessels",
     "simulate": "services.cli.simulate:simulate",
     "tune": "services.cli.tune:tune",
+    "autotune": "services.cli.autotune:autotune",
     "bench": "services.cli.bench:bench",
     "figures": "services.cli.figures:figures",
 }

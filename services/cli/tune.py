@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -132,39 +133,15 @@ def _candidate(  # noqa: PLR0917
 
 def _figures(c: Candidate, limit: float) -> dict[str, Any]:
     """Return what is said of a design: gains, bounds and prediction, None for what there is not (infinity included)."""
-    from marine.control.stability import drag_bound
+    from services.tuning import loop_figures, step_figures
 
-    loop, response = c.loop, c.response
     out: dict[str, Any] = {"name": c.name, "model_function": c.model_function}
     out["allowed"], out["reason"] = not c.refused, c.refused
-    if loop is not None and c.margins is not None:
-        model = loop.model
-        out["structure"] = loop.structure.name
-        out["gains"] = {
-            "k_i": loop.gains.integral,
-            "k_p": loop.gains.proportional,
-            "k_d": loop.gains.derivative - loop.beta,
-        }
-        out["drag_over_inertia_1_s"] = model.beta / model.alpha
-        out["bound_1_s"] = drag_bound(c.model_function) if loop.structure.name == "I-PD" else None
-        out["speed_limit"] = _finite(loop.speed_limit) if response else None
-        out["margins"] = {k: _finite(v) for k, v in asdict(c.margins).items()}
-    if response is not None:
-        speeds = (abs(b - a) for a, b in zip(response.eta, response.eta[1:], strict=False))
-        out["predicted"] = {
-            "overshoot_percent": 100.0 * response.overshoot,
-            "settling_s": _finite(response.settling_s),
-            "largest_speed": max(speeds) / response.t_s[1],
-            "largest_demand": response.peak,
-            "limit": limit,
-            "saturated_s": response.saturated_s,
-            "actuator_activity": response.activity,
-        }
+    if c.loop is not None:
+        out |= loop_figures(c.loop)
+    if c.response is not None:
+        out["predicted"] = step_figures(c.response, limit)
     return out
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _document(vessel: Vessel, dof: str, step: float, candidates: list[Candidate]) -> dict[str, Any]:
@@ -180,7 +157,9 @@ def _document(vessel: Vessel, dof: str, step: float, candidates: list[Candidate]
     }
 
 
-_ROWS = (
+Row = tuple[str, tuple[str, ...], str]
+"""Label, path in the figures, unit."""
+_ROWS: tuple[Row, ...] = (
     ("K_I", ("gains", "k_i"), "{tau}/({eta} s)"),
     ("K_P", ("gains", "k_p"), "{tau}/{eta}"),
     ("K_D (constant drag taken off)", ("gains", "k_d"), "{tau} s/{eta}"),
@@ -208,13 +187,20 @@ def _print(vessel: Vessel, dof: str, step: float, candidates: list[Candidate]) -
     print(f"{'':32}" + "".join(f"{c['name'] + ' ' + c.get('structure', ''):>18}" for c in document["designs"]))
     functions = (", ".join(f"{a:.4g}" for a in c["model_function"]) for c in document["designs"])
     print(f"{'model function a1, a2, ...':<32}" + "".join(f"{f:>18}" for f in functions))
-    for label, path, unit in _ROWS:
-        values = [_at(c, path) for c in document["designs"]]
-        if any(v is not None for v in values):
-            cells = "".join(f"{'-' if v is None else f'{v:.4g}':>18}" for v in values)
-            print(f"{label:<32}{cells}  {unit.format(**units)}")
+    print("\n".join(rows_of(_ROWS, document["designs"], units)))
     for c in document["designs"]:
         print(f"{c['name']}: {'allowed' if c['allowed'] else 'NOT ALLOWED: ' + c['reason']}")
+
+
+def rows_of(rows: Sequence[Row], columns: Sequence[dict[str, Any] | None], units: dict[str, str]) -> list[str]:
+    """Return the rows of a table of figures, without those that no column has."""
+    out = []
+    for label, path, unit in rows:
+        values = [_at(column or {}, path) for column in columns]
+        if any(v is not None for v in values):
+            cells = "".join(f"{'-' if v is None else f'{v:.4g}':>18}" for v in values)
+            out.append(f"{label:<32}{cells}  {unit.format(**units)}")
+    return out
 
 
 def _at(document: dict[str, Any], path: tuple[str, ...]) -> float | None:
