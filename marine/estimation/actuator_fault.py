@@ -3,9 +3,9 @@
 A Kalman filter (`marine.estimation.ekf`) follows the vessel with the wrench that sound actuators would give, and with
 the disturbance as a slow random walk: a current. An actuator that fails pushes the filter's errors in a way that its
 thrusts foretell, its signature (Willsky and Jones, A generalized likelihood ratio approach to the detection and
-estimation of jumps in linear systems, IEEE Trans. Automatic Control 21, 1976). For each actuator, each kind of failure
-and each of some times at which it may have begun, the innovations are fitted by the signature: how much of the thrust
-is lost, and how much likelier that is than that nothing failed.
+estimation of jumps in linear systems, IEEE Trans. Automatic Control 21, 1976). For each actuator and each of some times
+at which it may have failed, the innovations are fitted by the signature: how much of the thrust is lost, and how much
+likelier that is than that nothing failed.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 
@@ -21,10 +21,13 @@ from marine.estimation.ekf import Array, EkfTuning, PoseEkf, Verdict
 from marine.frames import wrap_angle
 from marine.vessel import HorizontalModel
 
-Kind = Literal["weak", "stuck"]
 _MOST = 1.1
 """Largest part of the thrust that a failure may take: 1, and an error of the characteristic."""
+_BEFORE = 0.5
+"""Weight of the evidence that an actuator had failed before: errors of the model look more like that."""
 _AXES = 3
+_GATE = 1e4
+"""Squared Mahalanobis distance beyond which a pose is not used: a failure surprises the filter more than noise does."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class FaultTuning:
     yaw_rate_walk_rad_s: float = 0.003
     force_walk_n: float = 0.02
     moment_walk_nm: float = 0.0003
-    thrust_error: float = 0.1
+    thrust_error: float = 0.07
     drag_error: float = 0.2
     inertia_error: float = 0.1
     window_s: float = 10.0
@@ -54,7 +57,11 @@ class FaultTuning:
     """So many steps in a row must say the same."""
     least_loss: float = 0.4
     misfit: float = 2.5
-    """Largest mean square of what the failure leaves unexplained, relative to the filter's: a wall, a collision."""
+    """Largest mean square of what the failure leaves unexplained, relative to the filter's (not so: a wall), or ..."""
+    share: float = 0.8
+    """... the least part of the innovations' squares that is explained."""
+    surprise: float = 10.0
+    """Mean square of the innovations, relative to the filter's, beyond which it begins anew: the model does not fit."""
 
     @classmethod
     def of_vessel(cls, model: HorizontalModel, columns: Sequence[Sequence[float]], most_n: Sequence[float]) -> Self:
@@ -77,7 +84,6 @@ class Finding:
     """A failed actuator: its number, the part of its thrust that is lost, how sure (log likelihood ratio)."""
 
     actuator: int
-    kind: Kind
     lost: float
     ratio: float
 
@@ -87,8 +93,9 @@ class FaultDetector:
 
     Besides the failures each window knows the signatures of what the model may be wrong about: the thrust of each
     actuator, drag and inertia of each axis. They have a Gaussian prior and are integrated out, so that a vessel that
-    moves otherwise than its model is none with a failure. Columns: n losses of thrust, 6 errors of the model, n
-    actuators that are stuck where they were.
+    moves otherwise than its model is none with a failure. Columns: n losses of thrust that begin with the window, 6
+    errors of the model, n actuators that do not follow since before: what they missed then is a disturbance that the
+    filter has learnt, only what changes shows.
     """
 
     def __init__(
@@ -114,6 +121,7 @@ class FaultDetector:
             yaw_rate_walk_rad_s=tuning.yaw_rate_walk_rad_s,
             force_walk_n=tuning.force_walk_n,
             moment_walk_nm=tuning.moment_walk_nm,
+            gate=_GATE,
         )
         self._noise = np.diag([tuning.position_m**2, tuning.position_m**2, tuning.heading_rad**2])
         errors = [tuning.thrust_error] * n + [tuning.drag_error] * _AXES + [tuning.inertia_error] * _AXES
@@ -125,11 +133,11 @@ class FaultDetector:
         self._score = np.zeros((windows, self._width))
         self._energy, self._count = np.zeros(windows), np.zeros(windows)
         self._origin = np.zeros((windows, n))
-        self._age_s, self._next, self._agreed = 0.0, 0, 0
+        self._age_s, self._next, self._agreed, self._surprise = 0.0, 0, 0, 0.0
 
     def restart(self) -> None:
         """Forget the vessel, keep what is known to be lost: it was moved, or not seen for long."""
-        self._ekf, self.finding, self._agreed = None, None, 0
+        self._ekf, self.finding, self._agreed, self._surprise = None, None, 0, 0.0
 
     def step(self, dt_s: float, thrusts: Sequence[float], x_m: float, y_m: float, psi_rad: float) -> Finding | None:
         """Take in a pose, and the mean thrusts in N as commanded since the pose before, dt_s (some 0.2 s) ago.
@@ -156,6 +164,8 @@ class FaultDetector:
         same = before is not None and self.finding is not None and before.actuator == self.finding.actuator
         self._agreed = (self._agreed + 1 if same else 1) if sure else 0
         if self.finding is None or self._agreed < self.tuning.confirm:
+            if self._surprise > self.tuning.surprise and not self._agreed:
+                self.restart()
             return None
         found = self.finding
         self.lost[found.actuator] = found.lost
@@ -202,7 +212,9 @@ class FaultDetector:
         weighted = S_inverse @ signature
         self._information += signature.transpose(0, 2, 1) @ weighted
         self._score += innovation @ weighted
-        self._energy += innovation @ S_inverse @ innovation
+        energy = float(innovation @ S_inverse @ innovation)
+        self._surprise += 0.2 * (energy / _AXES - self._surprise)
+        self._energy += energy
         self._count += 1.0
         self._error = self._error - (PH @ weighted.transpose(1, 0, 2).reshape(_AXES, -1)).reshape(self._error.shape)
         return verdict
@@ -215,40 +227,44 @@ class FaultDetector:
         alone[:, n:-n] = 0.0
         if alone.max() < t.threshold:  # 2 ln of the ratio if the model were exact: at most
             return None, False
-        kinds: tuple[Kind, ...] = ("weak", "stuck")
-        mean, precision = self._marginal()
+        mean, precision, explained = self._marginal()
         loss = np.clip(mean, 0.0, _MOST)
-        loss[:, 1] = 1.0  # what sticks does not follow at all
+        loss[:, 1] = 1.0  # of partial ones from before nothing certain can be said
         ratio = precision * (loss * mean - 0.5 * np.square(loss))
         spread = precision[:, 0] * t.thrust_error**2  # what a thrust within its error explains as well
         ratio[:, 0] -= 0.5 * np.square(mean[:, 0]) * precision[:, 0] * spread / (1.0 + spread)
+        ratio[:, 1] *= _BEFORE
         ratio[loss < t.least_loss] = 0.0
         of_actuator = ratio.max(axis=(0, 1))
         best = int(of_actuator.argmax())
-        window, kind = divmod(int(ratio[:, :, best].argmax()), len(kinds))
+        window, kind = divmod(int(ratio[:, :, best].argmax()), 2)
         found = float(ratio[window, kind, best])
         if found <= 1.0:
             return None, False
         lost = min(1.0, float(loss[window, kind, best]))
-        left = (self._energy[window] - 2.0 * found) / max(1.0, _AXES * self._count[window])
+        left = (self._energy[window] - 2.0 * (explained[window] + found)) / max(1.0, _AXES * self._count[window])
         others = max((float(x) for i, x in enumerate(of_actuator) if i != best), default=0.0)
-        sure = found > t.threshold and found - others > t.margin and left < t.misfit
-        return Finding(best, kinds[kind], lost, found), bool(sure)
+        share = (explained[window] + found) / max(1e-12, 0.5 * self._energy[window])
+        fits = left < t.misfit or share > t.share
+        sure = found > t.threshold and found - others > t.margin and fits
+        return Finding(best, lost, found), bool(sure)
 
-    def _marginal(self) -> tuple[Array, Array]:
-        """Return what the data say of each loss, weak and stuck, in each window: mean and precision, (windows, 2, n).
+    def _marginal(self) -> tuple[Array, Array, Array]:
+        """Return what the data say of each loss, from now and before, in each window: mean and precision, (w, 2, n).
 
-        What the model may be wrong about is integrated out; of a weak actuator its own prior is taken away again.
+        The third is what errors of the model explain in each window, as a log likelihood ratio. They are integrated
+        out; of a loss from now on, the prior of the error of that thrust is taken away again.
         """
         n = self._size
-        known, stuck = slice(0, -n), slice(-n, None)
+        known, before = slice(0, -n), slice(-n, None)
         covariance = np.linalg.inv(self._information[:, known, known] + self._prior)
         estimate = np.einsum("wij,wj->wi", covariance, self._score[:, known])
         variance = np.diagonal(covariance, axis1=1, axis2=2)[:, :n]
-        weak = np.maximum(1.0 / variance - self._prior[0, 0], 1e-12)
-        weak_mean = estimate[:, :n] / variance / weak
-        cross = self._information[:, stuck, known]
-        explained = np.einsum("wij,wjk,wik->wi", cross, covariance, cross)
-        sticking = np.maximum(np.diagonal(self._information, axis1=1, axis2=2)[:, stuck] - explained, 1e-12)
-        stuck_mean = (self._score[:, stuck] - np.einsum("wij,wj->wi", cross, estimate)) / sticking
-        return np.stack((weak_mean, stuck_mean), axis=1), np.stack((weak, sticking), axis=1)
+        now = np.maximum(1.0 / variance - self._prior[0, 0], 1e-12)
+        now_mean = estimate[:, :n] / variance / now
+        cross = self._information[:, before, known]
+        told_by_others = np.einsum("wij,wjk,wik->wi", cross, covariance, cross)
+        since = np.maximum(np.diagonal(self._information, axis1=1, axis2=2)[:, before] - told_by_others, 1e-12)
+        since_mean = (self._score[:, before] - np.einsum("wij,wj->wi", cross, estimate)) / since
+        explained = 0.5 * np.einsum("wi,wi->w", estimate, self._score[:, known])
+        return np.stack((now_mean, since_mean), axis=1), np.stack((now, since), axis=1), explained
