@@ -12,7 +12,8 @@ from bus.topics import all_topics, find
 from bus.units import SUFFIXES, unit_of
 
 ALL = sorted({t.message for t in all_topics()}, key=lambda c: c.__name__)
-WITHOUT_UNIT = {"commands", "quality", "fraction", "surge", "sway", "heave", "yaw", "rate", "progress", "spread", "ratio"}
+WITHOUT_UNIT = {"commands", "quality", "fraction", "surge", "sway", "heave", "yaw", "rate", "progress", "spread"}
+WITHOUT_UNIT |= {"ratio"}  # of likelihoods
 # of an experiment, in the unit of its axis, as the message's `unit` says
 WITHOUT_UNIT |= {"force", "amplitude", "bias", "measured", "simulated"}
 WITHOUT_UNIT |= {"warp", "warp_reached"}  # factors of time
