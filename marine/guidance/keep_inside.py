@@ -32,7 +32,7 @@ class PoolGuard:
     """Lets a vessel go towards a wall no faster than it can brake before it.
 
     safe(d): speed from which braking ends within distance d, from alpha v' = -(F + drag(v)), thesis (2.33), with
-    BRAKE_SHARE of the weakest force to any side and the smaller drag. The force towards a wall is limited to
+    BRAKE_SHARE of the weakest force to any side and the smallest drag. The force towards a wall is limited to
     alpha (CATCH (safe(d) - v) - safe'(d) v) + drag(v) - push: a control barrier function, A. D. Ames et al., ECC 2019
     (arXiv 1903.11199), which holds the vessel off against a current, too. Where that asks for braking, everything
     else (along the wall, yaw) gets what thrust is left.
@@ -49,7 +49,9 @@ class PoolGuard:
         self._surge, self._sway = model.surge, model.sway
         slowest = 0.0 if weakest else COASTING * abilities.ahead_m_s
         v = np.linspace(slowest, 3.0 * max(abilities.ahead_m_s, 1e-3), 2000)
-        force = BRAKE_SHARE * weakest + np.min([dof.beta * v + dof.beta_quadratic * v * v for dof in dofs], axis=0)
+        aslant = math.sqrt(0.5) if forces else 1.0  # (v / sqrt 2)^2 on two axes: quadratic drag at 45 degrees
+        drag = np.min([dof.beta * v + aslant * dof.beta_quadratic * v * v for dof in dofs], axis=0)
+        force = BRAKE_SHARE * weakest + drag
         slowing = np.minimum(force / max(dof.alpha for dof in dofs), RATE_1_S * v) if weakest else force / dofs[0].alpha
         slope = np.full(len(v), RATE_1_S)  # dv/dd
         np.divide(slowing, v, out=slope, where=v > 0.0)
@@ -91,9 +93,11 @@ class PoolGuard:
     def _most(self, normal: tuple[float, float], psi: float, nu: Vector3, rate: float, push_n: float) -> float:
         """Return the force that gives an acceleration towards a wall, N."""
         ahead, aside = to_body(*normal, psi)
+        u, v, r = nu
         alpha = self._surge.alpha * ahead * ahead + self._sway.alpha * aside * aside
-        drag = self._surge.drag(nu[0]) * ahead + self._sway.drag(nu[1]) * aside
-        return alpha * rate + drag - push_n
+        drag = self._surge.drag(u) * ahead + self._sway.drag(v) * aside
+        turned = r * (aside * u - ahead * v)  # (2.33) has no Coriolis force: the velocity turns with the vessel
+        return alpha * (rate - turned) + drag - push_n
 
     def _to_all_sides(
         self, tau: Vector3, psi: float, caps: list[tuple[float, float, float, str]]
