@@ -109,3 +109,11 @@ def saturated(tau: FloatArray, limit: float | None) -> tuple[str, ...]:
         f"actuators saturated in {100.0 * share:.0f} % of the samples (limit {limit:.3g}): use delivered forces, "
         "or repeat with smaller ones",
     )
+
+
+def require_sign(tau: float, motion: float) -> None:
+    """Raise IdentificationError unless a step of force (N, Nm) and the motion it causes (m/s, rad, ...) go one way."""
+    if tau == 0.0 or motion == 0.0:
+        raise IdentificationError("a step response needs a force and a motion; one of them is zero")
+    if tau * motion < 0.0:
+        raise IdentificationError("the vessel moves against the force: check the sign of tau or of the axis")

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from marine.identification.checks import sampled
+from marine.identification.checks import require_sign, sampled
 from marine.identification.oscillation import reversals
 from marine.identification.result import (
     Axis,
@@ -69,10 +69,12 @@ def fit(
     t_s, eta (unwrapped), tau: shape (n,); tau[k] acts from t[k] + delay_s on. One step cannot tell a constant
     disturbance from drag: leave it out, and make pairs of opposite runs. Deviations are those of white residuals.
     """
-    dt_s = sampled(t_s, axis, eta=eta, tau=tau)
+    dt_s = sampled(t_s, axis, eta=eta)
     if drag == "both":
         raise IdentificationError("fit one form of drag at a time")
     C, T = float(np.max(np.abs(tau))), float(t_s[-1] - t_s[0])
+    if np.min(tau) >= 0.0 or np.max(tau) <= 0.0:
+        require_sign(float(np.mean(tau)), float(eta[-1] - eta[0]))
     pieces = _pieces(np.asarray(eta, dtype=float), np.interp(t_s - delay_s, t_s, tau), dt_s)
     ahead = max(1, round(0.5 / pieces.h_s))
     nu = float(np.max(np.abs(pieces.eta[:, ahead:] - pieces.eta[:, :-ahead]))) / (ahead * pieces.h_s)
@@ -83,8 +85,8 @@ def fit(
         (pieces.eta[:, ahead] - pieces.eta[:, 0]) / (ahead * pieces.h_s),
         pieces.eta[:, 0].copy(),
     )
-    if len(pieces.eta) > 1 or disturbance:
-        guess.theta[0] = np.log(C / nu * float(np.median(np.diff(reversals(tau)))) * dt_s / 3.0)
+    if len(turns := reversals(tau)) > 2 and disturbance:
+        guess.theta[0] = np.log(C / nu * float(np.median(np.diff(turns))) * dt_s / 3.0)
     best, residuals, deviations = _levenberg_marquardt(pieces, guess, drag, C)
     spread = np.sqrt(np.mean((pieces.eta - np.mean(pieces.eta, axis=1, keepdims=True)) ** 2))
     if np.sqrt(np.mean(residuals**2)) > _UNEXPLAINED * spread:

@@ -13,7 +13,7 @@ from math import copysign, exp, log, sqrt, tanh
 import numpy as np
 from scipy.optimize import OptimizeWarning, curve_fit
 
-from marine.identification.checks import sampled, saturated
+from marine.identification.checks import require_sign, sampled, saturated
 from marine.identification.result import (
     Axis,
     DataUsed,
@@ -91,7 +91,7 @@ def type_0(
     """
     sampled(t_s, axis, nu=nu)
     nu_ss = float(np.mean(nu[-max(2, round(_TAIL * len(nu))) :]))
-    _require_sign(tau, nu_ss)
+    require_sign(tau, nu_ss)
     level = (1.0 - exp(-1.0) if drag == "constant" else tanh(1.0)) * nu_ss
     T_s = _first_crossing(t_s, np.asarray(nu, dtype=float), level)
     alpha, beta = from_type_0(tau, nu_ss, T_s, drag)
@@ -119,7 +119,7 @@ def type_1(
     sampled(t_s, axis, eta=eta)
     last = slice(2 * len(t_s) // 3, None)
     k_ss, eps_v = (float(x) for x in np.polyfit(t_s[last], eta[last], 1))
-    _require_sign(tau, k_ss)
+    require_sign(tau, k_ss)
     alpha, beta = from_type_1(tau, k_ss, eps_v, float(eta[0]), drag)
     require_physical({"alpha": alpha}, "the velocity error has the wrong sign: record from the step on")
     residuals = eta - position_response(np.asarray(t_s), tau, alpha, beta, drag, eta_0=float(eta[0]))
@@ -164,7 +164,7 @@ def fit_response(
         return nu_ss * (-np.expm1(-t / T) if drag == "constant" else np.tanh(t / T))
 
     start = _start(t, y, drag, velocity=eta is None)
-    _require_sign(tau, start[0])
+    require_sign(tau, start[0])
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", OptimizeWarning)  # data without any noise have no covariance
@@ -250,13 +250,6 @@ def _first_crossing(t: FloatArray, nu: FloatArray, level: float) -> float:
     if k == 0:
         raise IdentificationError("the run starts at its final speed: record from rest, with t = 0 at the step")
     return float(t[k - 1] + (t[k] - t[k - 1]) * (level - nu[k - 1]) / (nu[k] - nu[k - 1]))
-
-
-def _require_sign(tau: float, nu_ss: float) -> None:
-    if tau == 0.0 or nu_ss == 0.0:
-        raise IdentificationError("a step response needs a force and a motion; one of them is zero")
-    if tau * nu_ss < 0.0:
-        raise IdentificationError("the vessel moves against the force: check the sign of tau or of the axis")
 
 
 def _share_reached(t_s: float, T_s: float, drag: Drag) -> float:

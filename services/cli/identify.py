@@ -107,7 +107,7 @@ def _command(method: str, text: str) -> Any:
         degrees: Annotated[bool, typer.Option("--degrees", help="CSV: headings are in degrees.")] = False,
         flip: Annotated[str, typer.Option(help="Turn the sign of eta, tau or eta,tau.")] = "",
         vessel: Annotated[
-            str | None, typer.Option(help="Vessel, name or file, that --save puts the model into.")
+            str | None, typer.Option(help="Vessel, name or file: its limits; and --save puts the model into it.")
         ] = None,
         save: Annotated[Path | None, typer.Option(help="Write a vessel file with this model here.")] = None,
         report: Annotated[Path | None, typer.Option(help="Write an HTML report here.")] = None,
@@ -121,7 +121,7 @@ def _command(method: str, text: str) -> Any:
         source = Source(axis, experiment, begin_s, end_s, sample_s, delay_s, columns, degrees, flip)
         record, told = load(data, source)
         try:
-            found = identify(record, method, drag)
+            found = identify(record, method, drag, _limit(vessel, record.axis, axis))
         except IdentificationError as error:
             raise CliError(f"{data}: {error}") from None
         misfit = model_error(record, found)
@@ -137,6 +137,17 @@ def _command(method: str, text: str) -> Any:
 
 for _name, (_method, _text) in METHODS.items():
     app.command(_name)(_command(_method, _text))
+
+
+def _limit(vessel: str | None, kind: str, axis: _Axis | None) -> float | None:
+    """Return the largest force (N) or moment (Nm) of a vessel's actuators on an axis; None when nobody said which."""
+    from marine.allocation import axis_limits
+    from services.vessels import load_vessel
+
+    name = "yaw" if kind == "angular" else axis
+    if vessel is None or name is None:
+        return None
+    return float(axis_limits(load_vessel(vessel))[{"surge": 0, "sway": 1, "heave": 2, "yaw": 5}[name]])
 
 
 def _compared(record: Record, drag: _Drag) -> list[tuple[str, Identified | IdentificationError]]:

@@ -145,7 +145,9 @@ def _from_csv(path: Path, source: Source) -> tuple[Record, str]:
             sample_s=source.sample_s, delay_s=source.delay_s,
         )  # fmt: skip
         return record, told + f", resampled to {source.sample_s:g} s"
-    sampled(t, axis, eta=eta, tau=tau)
+    sampled(t, axis, eta=eta)
+    if not np.isfinite(tau).all():
+        raise CliError(f"{path}: {names['tau']} is not a number at sample {int(np.argmin(np.isfinite(tau)))}: cut it")
     return Record(t - t[0], eta, tau, axis, source.delay_s), told
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from marine.allocation import axis_limits
 from marine.identification.validation import simulate
 from marine.vessel import DegreeOfFreedom
 from services.cli.errors import CliError
@@ -78,26 +80,77 @@ def test_report_and_vessel_file(tmp_path: Path) -> None:
     assert load_vessel(str(saved)).model.yaw.alpha == pytest.approx(TRUE.alpha, rel=0.01)
 
 
+def step_run(duration_s: float = 60.0) -> np.ndarray:
+    """Return columns time, heading in rad, moment in Nm of a step of 0.4 Nm."""
+    t = np.arange(0.0, duration_s, 0.1)
+    nu = simulate(TRUE, t, np.full(t.size, 0.4))
+    return np.column_stack([t, np.concatenate([[0.0], np.cumsum(0.05 * (nu[1:] + nu[:-1]))]), np.full(t.size, 0.4)])
+
+
+OSCILLATION = ("projection", "describing-function", "least-squares", "zig-zag-integrals", "response-fit")
+STEP = ("step-fit", "step-formulas", "velocity-formulas", "response-fit")
+EVERY = tuple((method, DATA) for method in OSCILLATION) + tuple((method, step_run()) for method in STEP)
+
+
+@pytest.mark.parametrize("method", STEP)
+def test_a_step_of_a_force_that_is_the_same_throughout_is_identified(tmp_path: Path, method: str) -> None:
+    out = json.loads(invoke(method, write(tmp_path / "a.csv", step_run()), "--axis", "yaw", "--json"))
+    found = {p["name"]: p["value"] for p in out["parameters"]}
+    assert found["alpha"] == pytest.approx(TRUE.alpha, rel=0.03)
+    assert found["beta_quadratic"] == pytest.approx(TRUE.beta_quadratic, rel=0.03)
+
+
 @pytest.mark.parametrize(
-    ("data", "options", "reason"),
+    ("change", "reason"),
     [
-        (DATA[:100], [], "too few"),
-        (np.delete(DATA, slice(100, 110), axis=0), [], "gap of"),
-        (DATA[[*range(100), 50, *range(100, 200)]], [], "backward"),
-        (DATA[[*range(100), 99, *range(100, 200)]], [], "twice the same"),
-        (DATA * [1.0, 57.3, 1.0], [], "degrees"),
-        (DATA * [1.0, 1.0, 0.0], [], "constant"),
-        (DATA, ["--flip", "tau"], "sign"),
-        (DATA, ["--flip", "x"], "--flip"),
-        (DATA, ["--columns", "eta=psi"], "there are time, eta, tau"),
+        (lambda d: np.delete(d, slice(100, 110), axis=0), "gap of"),
+        (lambda d: d[[*range(100), 50, *range(100, 200)]], "backward"),
+        (lambda d: d[[*range(100), 99, *range(100, 200)]], "twice the same"),
+        (lambda d: d * [1.0, 57.3, 1.0], "degrees"),
+        (lambda d: d * [1.0, 1.0, 0.0], "constant|zero"),
+        (lambda d: d * [1.0, 0.0, 1.0], "eta is constant"),
+        (lambda d: d * [1.0, 1.0, -1.0], "sign"),
+        (lambda d: d * [1.0, -1.0, 1.0], "sign"),
+        (lambda d: d[:5], "too few"),
+        (lambda d: np.where(d == d[50, 1], np.nan, d), "not a number"),
     ],
 )
-def test_bad_data_are_refused_with_the_reason(
-    tmp_path: Path, data: np.ndarray, options: list[str], reason: str
+def test_bad_data_are_refused_by_every_method_with_one_line_that_says_why(
+    tmp_path: Path, change: Callable[[np.ndarray], np.ndarray], reason: str
 ) -> None:
-    path = write(tmp_path / "bad.csv", data)
+    for method, good in EVERY:
+        with pytest.raises(CliError, match=reason) as refused:
+            invoke(method, write(tmp_path / "bad.csv", change(good)), "--axis", "yaw")
+        assert "\n" not in str(refused.value), method
+
+
+@pytest.mark.parametrize("method", ["projection", "describing-function", "zig-zag-integrals"])
+def test_too_few_oscillations_are_refused(tmp_path: Path, method: str) -> None:
+    with pytest.raises(CliError, match="too few"):
+        invoke(method, write(tmp_path / "bad.csv", DATA[:60]), "--axis", "yaw")
+
+
+@pytest.mark.parametrize("method", ["step-fit", "step-formulas", "velocity-formulas"])
+def test_a_step_without_a_steady_state_is_marked(tmp_path: Path, method: str) -> None:
+    path = write(tmp_path / "short.csv", step_run(1.8))
+    warnings = json.loads(invoke(method, path, "--axis", "yaw", "--json"))["warnings"]
+    assert any("of its steady state" in w for w in warnings)
+
+
+@pytest.mark.parametrize("method", OSCILLATION)
+def test_a_saturated_actuator_is_named_when_the_vessel_is_known(tmp_path: Path, method: str) -> None:
+    limit = float(axis_limits(load_vessel("pladypos"))[5])
+    path = write(tmp_path / "full.csv", DATA * [1.0, 1.0, limit / 0.4])
+    warnings = json.loads(invoke(method, path, "--axis", "yaw", "--vessel", "pladypos", "--json"))["warnings"]
+    assert any("at their limit" in w for w in warnings)
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"), [(["--flip", "x"], "--flip"), (["--columns", "eta=psi"], "there are time, eta, tau")]
+)
+def test_options_that_cannot_be_are_refused(tmp_path: Path, options: list[str], reason: str) -> None:
     with pytest.raises(CliError, match=reason):
-        invoke("describing-function", path, "--axis", "yaw", *options)
+        invoke("projection", write(tmp_path / "a.csv", DATA), "--axis", "yaw", *options)
 
 
 def test_a_file_that_is_no_recording_is_one_line(tmp_path: Path) -> None:
