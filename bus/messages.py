@@ -405,7 +405,7 @@ class OperatorRequest(Message):
     psi_rad: float | None = Field(None, description="modes line, path: heading on the way; none: along the path")
     z_m: float | None = Field(None, description="depth; none: that of now, where the vessel can keep one")
     speed_m_s: float | None = Field(None, description="mode speed: ahead; line, path: along it, none: half of the top")
-    points: WayPoints = Field((), description="modes line (two of them), path")
+    points: WayPoints = Field((), description="modes path, line: from the first to the second, or from here")
     smooth: bool = Field(False, description="mode path: a spline through the way-points instead of straight legs")
     experiment: ExperimentPlan | None = Field(None, description="mode experiment: which; its run is the request_id")
     lease_s: float = Field(3.0, gt=0.0, le=86400.0)

@@ -76,6 +76,7 @@ class Helm(Service):
     experiment = Input(topics.EXPERIMENT_WRENCH, max_age_s=0.25, wakes=True)
     progress = Input(topics.EXPERIMENT_STATUS, wakes=True)
     navigation = Input(topics.NAVIGATION_STATE, max_age_s=0.25)
+    actuators = Input(topics.ACTUATOR_HEALTH)
     former = Input(topics.HELM_STATE)
     wrench = Output(topics.HELM_WRENCH)
     state = Output(topics.HELM_STATE)
@@ -338,9 +339,10 @@ class Helm(Service):
         """Publish the latched state, at every change and five times a second."""
         if not self._restored:
             return  # it would overwrite the former state in the hub
+        reason = self._reason or (self.actuators.latest.reason if self.actuators.latest else "")
         guarded = self._guarded if self._mode != "stop" and now_s - self._guarded_s < GUARD_TOLD_S else ""
         content = (
-            self._mode, self._fault, self._suspended_at_s is None, self._reason, self._reference, self._lease.holder,
+            self._mode, self._fault, self._suspended_at_s is None, reason, self._reference, self._lease.holder,
             self._refused, self._plan, self._request, guarded,
         )  # fmt: skip
         if content == self._told and now_s - self._told_s < STATE_PERIOD_S:
@@ -351,7 +353,7 @@ class Helm(Service):
                 mode=self._mode,
                 status="fault" if self._fault else "disarmed" if self._mode == "stop" else "armed",
                 suspended=self._suspended_at_s is not None,
-                reason=self._reason,
+                reason=reason,
                 **vars(self._reference),
                 request_id=self._request,
                 guard=guarded,

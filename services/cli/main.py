@@ -32,6 +32,7 @@ COMMANDS = {
     "play": "services.cli.play:play",
     "graph": "services.cli.graph:graph",
     "mode": "services.cli.mode:mode",
+    "actuator": "services.cli.actuator:actuator",
     "experiment": "services.cli.experiment:experiment",
     "track": "services.cli.track:track",
     "vessels": "services.cli.vessels:vessels",
