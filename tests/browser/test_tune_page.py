@@ -1,0 +1,171 @@
+"""The panel Tune in Chromium, on the whole star in one process and many times faster than real time."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import re
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+from bus import topics
+from bus.config import Deployment
+from services.experiment import ExperimentConfig, Experiments
+from services.helm import Helm
+from services.vessels import VESSELS_DIR, load_vessel
+from tests.browser.test_page import ARGS, DESK, open_page
+from tests.star import Star
+from tests.system.heavy_simulator import heavier
+from ui.server import Page as PageService
+from ui.server import PageConfig
+
+pytestmark = [pytest.mark.browser, pytest.mark.timeout(300)]
+
+TIMES = 20.0
+"""How much faster than real time the star runs."""
+
+
+class HurriedStar:
+    """PlaDyPos twice as heavy as its file says, with the page, in a thread of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        unknown = heavier(load_vessel("pladypos").model)
+        still = {"current_x_m_s": 0.03, "current_y_m_s": 0.0, "current_std_m_s": 0.0}
+        self.star = Star(simulator=still, unknown={"model": unknown, "dynamics": unknown})
+        deployment = Deployment(
+            run_dir=Path("/nonexistent"), recordings_dir=folder, vessel_path=VESSELS_DIR / "pladypos.toml"
+        )
+        self.page = PageService(PageConfig(port=0), self.star.vessel)
+        for service in (Experiments(ExperimentConfig(delay_s=1.0 / 60.0), self.star.vessel, deployment), self.page):
+            self.star.bus.add(service)
+        self._jobs: list[Callable[[Star], None]] = []
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="star")
+
+    @contextlib.contextmanager
+    def running(self) -> Iterator[HurriedStar]:
+        """Let time pass."""
+        self.star.bus.run_for(1.0)
+        self._thread.start()
+        try:
+            yield self
+        finally:
+            self._end.set()
+            self._thread.join(10.0)
+
+    def _run(self) -> None:
+        bus = self.star.bus
+        while not self._end.wait(0.005):
+            while self._jobs:
+                self._jobs.pop(0)(self.star)
+            begin_s = time.monotonic()
+            bus.run_for(TIMES * 0.02)
+            time.sleep(max(0.0, 0.02 - (time.monotonic() - begin_s)))
+        bus.stop("ui")
+
+    def ask(self, question: Callable[[Star], Any]) -> Any:
+        """Return what a question about the star gives, asked in its own thread."""
+        answers: list[Any] = []
+        self._jobs.append(lambda star: answers.append(question(star)))
+        while not answers:
+            time.sleep(0.005)
+        return answers[0]
+
+    def wait(self, condition: Callable[[Star], object], what: str, timeout_s: float = 60.0) -> None:
+        """Wait until a condition holds in the star."""
+        end_s = time.monotonic() + timeout_s
+        while not self.ask(condition):
+            assert time.monotonic() < end_s, f"not within {timeout_s} s: {what}"
+            time.sleep(0.05)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=ARGS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def star(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[HurriedStar]:
+    monkeypatch.setattr(Helm, "warp", TIMES)  # a page's lease is in real time
+    with HurriedStar(tmp_path).running() as star:
+        yield star
+
+
+@pytest.fixture
+def page(star: HurriedStar, browser: Browser) -> Iterator[Page]:
+    with browser.new_context(viewport=DESK) as context:
+        page = open_page(context.new_page(), f"http://127.0.0.1:{star.page.port}/")
+        page.click("[data-tab=tune]")
+        expect(page.locator("#tune-table table")).to_be_visible(timeout=10_000)
+        yield page
+
+
+def turned(star: HurriedStar) -> float:
+    """Return how far a turn by 90 degrees at the place of now overshoots, in rad, as the helm is asked by hand."""
+    begin = star.ask(lambda s: (s.bus.now_s, s.truth[-1]))
+    psi = math.remainder(begin[1].psi_rad + math.pi / 2.0, math.tau)
+    star.ask(lambda s: s.request("hold", x_m=begin[1].x_m, y_m=begin[1].y_m, psi_rad=psi, take=True))
+    star.wait(lambda s: s.bus.now_s > begin[0] + 15.0, "15 s")
+    after = star.ask(lambda s: [t.psi_rad for t in s.truth if t.stamp_ns * 1e-9 > begin[0]])
+    return max(math.remainder(there - psi, math.tau) for there in after)
+
+
+@pytest.mark.parametrize(
+    ("button", "last"), [("yaw", "yaw"), pytest.param("all", "sway", marks=pytest.mark.soak)], ids=["yaw", "all"]
+)
+def test_an_unknown_vessel_is_tuned_and_held_by_three_clicks(
+    page: Page, star: HurriedStar, button: str, last: str
+) -> None:
+    star.ask(lambda s: s.request("hold", x_m=2.5, y_m=1.875, psi_rad=0.0))
+    star.wait(lambda s: s.bus.now_s > 1010.0, "at rest")
+    assert turned(star) > 0.05 * math.pi / 2.0, "without tuning it misses the goal"
+    star.ask(lambda s: s.request("stop"))
+
+    page.click(f"#tune-{button}")
+    expect(page.locator("#tune-status")).to_contain_text(f"self-oscillation {last}: done", timeout=200_000)
+    row = page.locator("#tune-table tr", has_text="new reference: overshoots").locator("td").last
+    expect(row).to_have_text(re.compile(r"\d\d\.\d → [0-4]\.\d"), timeout=10_000)
+    page.click("#tune-engage")
+    expect(page.locator("#tune-present")).to_contain_text("engaged by page-")
+    page.click("#hold")
+    star.wait(lambda s: (h := s.bus.last(topics.HELM_STATE)) and h.mode == "hold", "holding")
+    star.ask(lambda s: s.request("stop"))
+    assert turned(star) < 0.05 * math.pi / 2.0
+
+    page.click("#tune-back")
+    expect(page.locator("#tune-present")).to_contain_text("the configuration file's")
+
+
+def test_the_menu_shows_and_engages_another_law_and_refuses_what_is_not_stable(page: Page, star: HurriedStar) -> None:
+    page.select_option("#tune-law", "lqr")
+    expect(page.locator("#tune [name=position_m]")).to_have_value("0.1")
+    page.click("#tune-engage")
+    expect(page.locator("#tune-present")).to_contain_text("In force: lqr, engaged by page-")
+    expect(page.locator("#tune-law")).to_have_value("lqr")
+    page.select_option("#tune-law", "ipd")
+    page.fill("#tune [name=model_function]", "1,1,2")
+    page.press("#tune [name=model_function]", "Tab")
+    expect(page.locator("#tune-refused")).to_contain_text("the model function 1,1,2 is not stable")
+    expect(page.locator("#tune-engage")).to_be_disabled()
+    page.click("#tune-discard")
+    expect(page.locator("#tune-law")).to_have_value("lqr")
+    told = star.ask(lambda s: s.bus.last(topics.CONTROL_GAINS))
+    assert told.tuning.law == "lqr"
+
+
+def test_the_slider_changes_what_is_predicted(page: Page) -> None:
+    yaw = page.locator("#tune-table tr", has_text="delay margin").locator("td").last
+    expect(yaw).to_have_text("0.93")
+    page.locator("#tune [name=yaw_w0_rad_s]").fill("1")  # twice the vessel file's frequency
+    expect(yaw).to_have_text("0.93 → 0.47")
+    page.locator("#tune [name=yaw_w0_rad_s]").fill("-1")
+    expect(yaw).to_have_text("0.93 → 1.87")
