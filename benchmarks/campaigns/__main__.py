@@ -62,7 +62,7 @@ def main(
     (out / "report.json").write_text(json.dumps(document, indent=1), encoding="utf-8")
     (out / "report.html").write_text(report.page(runs, seeds, failures, about), encoding="utf-8")
     report.draw(out / "campaigns.svg", runs)
-    if not failures:
+    if not failures and not only:
         store.unlink(missing_ok=True)  # all of it is in the report; the next call begins afresh
     goals = figures.goals(runs, seeds)
     for goal in goals:
@@ -115,8 +115,8 @@ def _make(work: list[Job], done: dict[str, list[Run]], store: Path, processes: i
                     left_s = bar.tasks[task].time_remaining or 0.0
                     print(f"{bar.tasks[task].percentage:3.0f} %, some {left_s / 60:.0f} min left", file=sys.stderr)
         except KeyboardInterrupt:
-            pool.shutdown(wait=False, cancel_futures=True)
             print(f"broken off: {len(done)} pieces are kept in {store}; the same command goes on", file=sys.stderr)
+            pool.shutdown(cancel_futures=True)
             raise typer.Exit(130) from None
     return failures
 

@@ -140,7 +140,8 @@ def step_campaign(vessel: Vessel, axis: ExperimentAxis, amplitude: float) -> Cam
 def self_oscillation(kind: SelfOscillation, seed: int, folder: Path) -> list[Run]:
     """One self-oscillation from a random heading; in yaw against a constant moment that nobody knows."""
     vessel, chance = load_vessel(kind.vessel), random.Random(seed)
-    moment_nm = MOMENT * kind.amplitude * axis_limits(vessel)[5] if kind.axis == "yaw" else 0.0
+    moment_nm = chance.choice((-1.0, 1.0)) * MOMENT * kind.amplitude * axis_limits(vessel)[5]
+    moment_nm = moment_nm if kind.axis == "yaw" else 0.0
     with tempfile.TemporaryDirectory(dir=folder, prefix="run-") as run_dir:
         star = RenderedStar(
             Path(run_dir),
