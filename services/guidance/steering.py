@@ -21,10 +21,10 @@ from services.guidance.loops import heading_loop, speed_loop
 
 LINE_W0 = 0.7
 """Of the line loop, in units of the heading loop's."""
-LOOKAHEAD = 2.0
+LOOKAHEAD = 1.5
 """Of the way that the vessel makes while the heading loop settles."""
-SIGMA = 0.1
-"""Integral gain of the line of sight, in units of the speed: the integral's pole is then well below 1 / lookahead."""
+SIGMA = 0.2
+"""Integral gain of the line of sight, in units of the speed: at 0.25 both poles of d are at speed / (2 lookahead)."""
 AHEAD = 2.0
 """On a spline the nearest point is looked for so many lookaheads beyond the one before."""
 

@@ -1,0 +1,100 @@
+"""Lines by vessels that steer only: the controller's guidance on the boat of `benchmarks.line_following`."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from benchmarks.line_following import CALM, CHARLIE, MOMENT_PER_RAD, Boat, Weather
+from bus.messages import HelmState, WayPoint
+from marine.allocation import axis_limits
+from marine.control.base import ZERO
+from marine.guidance.reference_filter import MotionLimits
+from services.guidance import GuidanceConfig, Seen, Tools
+from services.guidance.steering import Steering
+
+Law = Literal["line_of_sight", "direct", "indirect"]
+LAWS: tuple[Law, ...] = ("line_of_sight", "direct", "indirect")
+every_law = pytest.mark.parametrize("law", LAWS)
+STEP_S = 0.1
+GALE = Weather(gust_n=1.0, position_m=0.05)
+"""20 N across, gusts of 1 N, position 5 cm at 2 Hz."""
+
+
+def guidance(law: Law) -> Steering:
+    X, Y, _, _, _, N = axis_limits(CHARLIE)
+    limits = (X, Y, N)
+    motion = MotionLimits.of_vessel(CHARLIE.model, limits, 0.7, 0.2)
+    return Steering(Tools(CHARLIE, limits, None, motion, None, GuidanceConfig(line=law)))
+
+
+def sail(
+    law: Law, points: list[tuple[float, float]], boat: Boat, seconds: float, *, smooth: bool = False
+) -> tuple[list[tuple[float, float]], Steering]:
+    """Return the true track, a place every 0.1 s, until the path's end or the time is over."""
+    pilot, given, track = guidance(law), ZERO, []
+    way = tuple(WayPoint(x_m=x, y_m=y) for x, y in points)
+    order = HelmState(mode="path", status="armed", law="path", points=way, smooth=smooth, speed_m_s=1.0, request_id="1")
+    for k in range(round(seconds / STEP_S)):
+        x, y, psi, u, v, r = boat.known
+        seen = Seen(STEP_S if k else 0.0, (x, y, psi), (u, v, r), given, ZERO, ZERO, (True, True, True), 0.0)
+        if not k:
+            pilot.engage(order, seen)
+        given = pilot.step(order, seen)
+        boat.step(given[2])
+        track.append(boat.state[:2])
+        if pilot.told()["arrived"]:
+            break
+    return track, pilot
+
+
+@every_law
+def test_steady_in_wind_and_noise_and_sensors(law: Law) -> None:
+    track, pilot = sail(law, [(0.0, 0.0), (400.0, 0.0)], Boat(1, (0.0, 8.0, 0.0), GALE), 370.0)
+    d = np.array([y for x, y in track if x > 200.0])
+    print(f"{law}: mean {1e3 * d.mean():.0f} mm, RMS {1e3 * math.sqrt(float(np.mean(d**2))):.0f} mm")
+    assert abs(d.mean()) < 0.1
+    assert math.sqrt(float(np.mean(d**2))) < 0.15
+    told = pilot.told()
+    assert told["law"] == law
+    assert told["leg"] == 0
+
+
+@every_law
+def test_a_u_turn(law: Law) -> None:
+    points = [(0.0, 0.0), (100.0, 0.0), (100.0, 30.0), (0.0, 30.0)]
+    track, pilot = sail(law, points, Boat(2, (0.0, 0.0, 0.0), CALM), 400.0)
+    assert pilot.told()["arrived"]
+    back = [y for x, y in track[len(track) // 2 :] if x < 30.0]
+    assert max(abs(y - 30.0) for y in back) < 0.5
+    assert max(x for x, _ in track) < 108.0, "it turns in time"
+    assert track[-1][0] < 0.5
+
+
+def test_a_spline_by_line_of_sight() -> None:
+    points = [(0.0, 0.0), (60.0, 0.0), (120.0, 40.0), (180.0, 40.0)]
+    track, pilot = sail("line_of_sight", points, Boat(3, (0.0, 0.0, 0.0), CALM), 400.0, smooth=True)
+    assert pilot.told()["arrived"]
+    from marine.guidance.course import spline
+
+    places = spline(points).places
+    assert max(float(np.hypot(*(places - place).T).min()) for place in track[::20]) < 3.0
+
+
+def test_after_a_pause_it_goes_on_with_the_same_leg_without_a_jump() -> None:
+    points = [(0.0, 0.0), (60.0, 0.0), (60.0, 60.0)]
+    boat = Boat(4, (0.0, 0.0, 0.0), CALM)
+    _, pilot = sail("direct", points, boat, 80.0)
+    told = pilot.told()
+    assert told["leg"] == 1
+    way = tuple(WayPoint(x_m=x, y_m=y) for x, y in points)
+    order = HelmState(mode="path", status="armed", law="path", points=way, speed_m_s=1.0, request_id="1")
+    given = (60.0, 0.0, 0.1 * MOMENT_PER_RAD)
+    x, y, psi, u, v, r = boat.known
+    seen = Seen(0.0, (x, y, psi), (u, v, r), given, ZERO, ZERO, (True, True, True), 0.0)
+    pilot.engage(order, seen)
+    assert pilot.step(order, seen) == pytest.approx(given, abs=1e-6)
+    assert pilot.told()["leg"] == 1
