@@ -7,7 +7,9 @@ estimator's state, whose filter knows a model already.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -17,6 +19,7 @@ from bus import topics
 from bus.clock import NS
 from bus.config import Deployment, Section
 from bus.messages import (
+    ControlGains,
     ExperimentPlan,
     ExperimentResult,
     ExperimentStatus,
@@ -32,7 +35,7 @@ from marine.identification.experiments import Experiment, ExperimentError, Motio
 from marine.identification.record import Record, along, compare, on_grid, response
 from marine.identification.result import IdentificationError, Identified
 from marine.vessel import DegreeOfFreedom, Pool, Vessel
-from services.identified_vessel import IdentifiedVesselError, write_vessel
+from services.identified_vessel import IdentifiedVesselError, write_models, write_vessel
 
 STATUS_PERIOD_S = 0.2
 PLOTTED = 300
@@ -112,6 +115,7 @@ class Experiments(Service):
     pose = Input(topics.CAMERA_POSE, queue=32)
     delivered = Input(topics.ACTUATOR_DELIVERED, queue=64)
     former = Input(topics.EXPERIMENT_STATUS)  # of a process before this one, from the hub
+    gains = Input(topics.CONTROL_GAINS, changed_only=True)
     wrench = Output(topics.EXPERIMENT_WRENCH)
     status = Output(topics.EXPERIMENT_STATUS)
     result = Output(topics.EXPERIMENT_RESULT)
@@ -138,6 +142,8 @@ class Experiments(Service):
             self._go_on(self._run, helm, state, now_s)
         elif helm is not None and helm.experiment and helm.experiment_run != self._seen:
             self._begin(helm, helm.experiment, state, now_s)
+        if self.gains.updated and self.gains.latest:
+            self._save_engaged(self.gains.latest)
         if now_s - self._told_s >= STATUS_PERIOD_S:
             self._tell(self._status, now_s)
 
@@ -270,17 +276,43 @@ class Experiments(Service):
         self._end(run, "done" if good else "failed", reason, now_s)
 
     def _save(self, run: Run, found: Identified) -> str:
+        when = _when(run.machine.ended_s or 0.0)
+        return self._written(
+            f"{run.plan.axis}-{when}",
+            lambda source, target: write_vessel(source, target, run.plan.axis, found, f"{run.plan.name} {when} UTC"),
+        )
+
+    def _save_engaged(self, told: ControlGains) -> None:
+        """Write a vessel file with all models of the tuning that was engaged, where they are not the file's."""
+        models: dict[str, dict[str, tuple[float, float]]] = {
+            axis: {name: (value, 0.0) for name, value in model}
+            for axis, model in told.tuning.models.items()
+            if told.engaged and model != told.configured.models[axis]
+        }
+        when = _when(told.since_ns / NS)
+        if models and self._config.save:
+            saved = self._written(
+                f"engaged-{when}",
+                lambda source, target: write_models(source, target, models, f"engaged by {told.by} {when} UTC"),
+            )
+            self.note = f"engaged models: {saved}"[:400] if saved else self.note
+
+    def _written(self, name: str, write: Callable[[Path, Path], None]) -> str:
+        """Return the path of a vessel file beside the recordings, empty when it cannot be written."""
         if self._vessel_path is None:
             return ""
-        when = datetime.fromtimestamp(run.machine.ended_s or 0.0, UTC).strftime("%Y%m%d-%H%M%S")
-        target = self._folder / f"{self._vessel.name}-{run.plan.axis}-{when}.toml"
+        target = self._folder / f"{self._vessel.name}-{name}.toml"
         try:
-            write_vessel(self._vessel_path, target, run.plan.axis, found, f"{run.plan.name} {when} UTC")
+            write(self._vessel_path, target)
         except (IdentifiedVesselError, OSError) as error:
             self.note = f"no vessel file was written: {error}"
             self.log.warning(self.note)
             return ""
         return str(target)
+
+
+def _when(stamp_s: float) -> str:
+    return datetime.fromtimestamp(stamp_s, UTC).strftime("%Y%m%d-%H%M%S")
 
 
 def room(pool: Pool, radius_m: float, axis: str, state: NavigationState) -> tuple[float, float]:

@@ -24,11 +24,11 @@ from bus.messages import (
     Wrench,
 )
 from marine.frames import wrap_angle
-from marine.vessel import DegreeOfFreedom, HorizontalModel
 from services.experiment import ExperimentConfig, Experiments
 from services.tuning import STEPS, horizontal_limits, preview
 from services.vessels import VESSELS_DIR, load_vessel
 from tests.star import Star, build_star
+from tests.system.heavy_simulator import heavier
 
 PLADYPOS = load_vessel("pladypos")
 CURRENT = {"current_x_m_s": 0.04, "current_y_m_s": 0.03, "current_std_m_s": 0.0}
@@ -175,23 +175,14 @@ def test_what_was_predicted_is_what_the_star_does() -> None:
 # --- an unknown vessel, in three clicks
 
 
-def scaled(inertia: float, drag: float) -> HorizontalModel:
-    """Return PlaDyPos' model with other inertias and drags."""
-    model = PLADYPOS.model
-    surge, sway, yaw = (
-        DegreeOfFreedom(dof.alpha * inertia, 0.0, dof.beta_quadratic * drag)
-        for dof in (model.surge, model.sway, model.yaw)
-    )
-    return HorizontalModel(surge, sway, yaw)
-
-
 def unknown_vessel(folder: Path) -> Star:
     """Return a star whose simulated vessel is twice as heavy as its file says, with half the drag."""
-    model = scaled(2.0, 0.5)
+    model = heavier(PLADYPOS.model)
     deployment = Deployment(
         run_dir=Path("/nonexistent"), recordings_dir=folder, vessel_path=VESSELS_DIR / "pladypos.toml"
     )
-    star = Star(simulator=CURRENT, unknown={"model": model, "dynamics": model})
+    unsure = {"fault_detection": False}  # to a detector with such a model, thrusters look failed
+    star = Star(simulator=CURRENT, estimator=unsure, unknown={"model": model, "dynamics": model})
     star.bus.add(Experiments(ExperimentConfig(delay_s=1.0 / 60.0), star.vessel, deployment))
     star.bus.run_until(
         lambda: (s := star.bus.last(topics.NAVIGATION_STATE)) is not None and s.status == "tracking", 5.0
@@ -251,9 +242,12 @@ def test_an_unknown_vessel_is_tuned_and_holds_within_the_goals(tmp_path: Path, a
     assert overshoot_rad > 0.05 * math.pi / 2.0
     models = {axis: tune(star, axis) for axis in axes}
     for axis, model in models.items():
-        assert model.alpha == pytest.approx(getattr(scaled(2.0, 0.5), axis).alpha, rel=0.05)
+        assert model.alpha == pytest.approx(getattr(heavier(PLADYPOS.model), axis).alpha, rel=0.05)
     assert ask(star, Tuning(law="ipd", models=models)).accepted
     settled_s, overshoot_rad, distance_m = moved(star)
+    saved = load_vessel(str(next((tmp_path / "identified").glob("pladypos-engaged-*.toml"))))
+    assert saved.model.yaw.alpha == pytest.approx(models["yaw"].alpha, rel=1e-6)
+    assert saved.model.surge.alpha == pytest.approx(models.get("surge", PLADYPOS.model.surge).alpha, rel=1e-6)
     assert settled_s <= 15.0
     assert overshoot_rad < 0.05 * math.pi / 2.0
     assert distance_m <= 1.5e-3 or len(axes) == 1
