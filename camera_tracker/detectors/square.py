@@ -35,6 +35,8 @@ from marine.frames import wrap_angle
 
 _COARSE_WIDTH_PX, _FINE_WIDTH_PX = 960, 2000
 """A search halves the picture until it is no wider than this: each time, and when markers are missing now and then."""
+_DOUBLED_WIDTH_PX = 1000
+"""A picture no wider than this is doubled with the finer search: markers of 14 px become as clear as those of 28."""
 _FINE_EVERY = 10
 _NOISY_PX = 0.04
 """When an edge is known no better than this, the marker is fitted by its whole code."""
@@ -54,6 +56,9 @@ _TURNED = (np.arange(4) - np.arange(4)[:, None]) % 4
 """Corners by quarter turns of the marker: the first one is its upper left one as printed."""
 _WRONG_MODULE = 0.25
 """A module that differs from what the code says by this part of the contrast is covered or shone upon."""
+
+_MOST_COVERED = 0.08
+"""A code that could only be read from sharpened modules has no more wrong ones: else anything dark were a marker."""
 
 
 @dataclass(frozen=True)
@@ -152,9 +157,12 @@ class SquareDetector(Detector):
         coarse, fine = _reduction(image, _COARSE_WIDTH_PX), _reduction(image, _FINE_WIDTH_PX)
         wanted = set(names)
         seen = self._seen(image, coarse, wanted)
-        if fine < coarse and (self._every or wanted - {name for name, _ in seen}):
+        if self._every or wanted - {name for name, _ in seen}:
             if self._every or self._misses % _FINE_EVERY == 0:
-                seen += self._seen(image, fine, wanted)
+                if fine < coarse:
+                    seen += self._seen(image, fine, wanted)
+                if image.shape[1] <= _DOUBLED_WIDTH_PX:
+                    seen += self._seen(image, 0.5, wanted)
             self._misses += 1
         else:
             self._misses = 0
@@ -163,14 +171,16 @@ class SquareDetector(Detector):
             found[name] = _better(found[name], detection) if name in found else detection
         return found
 
-    def _seen(self, image: Image, factor: int, wanted: set[str]) -> list[tuple[str, Detection]]:
+    def _seen(self, image: Image, factor: float, wanted: set[str]) -> list[tuple[str, Detection]]:
         """Return what is found in a picture reduced by a factor."""
         height, width = image.shape[:2]
         grey = cv2.cvtColor(_reduced(image, factor), cv2.COLOR_BGR2GRAY)
         found = self._candidates(grey, factor, Region(0, 0, width, height), image)
         return [(name, detection) for name, detection in found if self._every or name in wanted]
 
-    def _candidates(self, grey: NDArray[Any], factor: int, region: Region, image: Image) -> list[tuple[str, Detection]]:
+    def _candidates(
+        self, grey: NDArray[Any], factor: float, region: Region, image: Image
+    ) -> list[tuple[str, Detection]]:
         """Return what is read from the dark quadrilaterals of a grey picture of the region, reduced by a factor."""
         found = []
         for corners in dark_quadrilaterals(grey.astype(np.uint8, copy=False)):
@@ -230,6 +240,13 @@ class SquareDetector(Detector):
             return reading.corners
         return aligned
 
+    def _nearest(self, bits: NDArray[np.bool_]) -> tuple[int, int]:
+        """Return which of the known words is nearest to the bits of a marker, and how many of them differ."""
+        word = np.uint64(int.from_bytes(np.packbits(bits, bitorder="little").tobytes(), "little"))
+        distance = np.bitwise_count(self._known ^ word)
+        best = int(distance.argmin())
+        return best, int(distance.flat[best])
+
     def _read(self, grey: NDArray[np.float32], outline: Outline) -> _Reading | None:
         """Read the marker inside an outline: its code, its turn, and which modules are not as they should be."""
         size = self._code.size
@@ -241,22 +258,27 @@ class SquareDetector(Detector):
         )
         if white - black < 8.0:
             return None
-        bits = levels.reshape(size + 4, -1)[2:-2, 2:-2] > 0.5 * (black + white)
-        word = np.uint64(int.from_bytes(np.packbits(bits, bitorder="little").tobytes(), "little"))
-        distance = np.bitwise_count(self._known ^ word)
-        best = int(distance.argmin())
-        wrong_bits = int(distance.flat[best])
-        if wrong_bits > self._code.correctable:
-            return None
+        inner = levels.reshape(size + 4, -1)[2:-2, 2:-2]
+        best, wrong_bits = self._nearest(inner > 0.5 * (black + white))
+        sure = wrong_bits <= self._code.correctable
+        if not sure:
+            best, wrong_bits = min(
+                map(self._nearest, _other_bits(levels, size, white, black)), key=lambda found: found[1]
+            )
+            if wrong_bits > self._code.correctable // 2:
+                return None
         marker, turns = int(self._ids[best // 4]), best % 4
         error = _misfit(levels, *self._code.model(marker, turns))
         size_of_error = np.abs(error)
+        covered = int(np.count_nonzero(size_of_error > _WRONG_MODULE)) / error.size
+        if not sure and covered > _MOST_COVERED:
+            return None
         return _Reading(
             marker=marker,
             turns=turns,
             corners=outline.corners[_TURNED[turns]],
             wrong_bits=wrong_bits,
-            covered=int(np.count_nonzero(size_of_error > _WRONG_MODULE)) / error.size,
+            covered=covered,
             strange=float(size_of_error.max()) > _STRANGE_MODULE,
             bright=bool(error[size_of_error > 0.1].sum() >= 0.0),
         )
@@ -290,6 +312,18 @@ def _checks(
 def _or_doubt(quality: float) -> float:
     """Return a quality that leaves no middle between good and doubtful."""
     return min(quality, 1.0) if quality >= GOOD_QUALITY else DOUBTFUL_QUALITY
+
+
+def _other_bits(levels: Floats, size: int, white: float, black: float) -> list[NDArray[np.bool_]]:
+    """Return the bits as blur or uneven light may hide them: modules against their neighbours, and by their own range.
+
+    Blur mixes a module with its neighbours, which is taken back; a glossy marker's white may be darker than its rim's.
+    """
+    square = levels.reshape(size + 4, -1)
+    around = 0.25 * (square[:-2, 1:-1] + square[2:, 1:-1] + square[1:-1, :-2] + square[1:-1, 2:])
+    sharp = (2.0 * square[1:-1, 1:-1] - around)[1:-1, 1:-1]
+    inner = square[2:-2, 2:-2]
+    return [sharp > 0.5 * (black + white), inner > 0.5 * (inner.min() + inner.max())]
 
 
 def _misfit(levels: Floats, design: Floats, solver: Floats) -> Floats:
@@ -348,11 +382,14 @@ def _reduction(image: Image, width_px: int) -> int:
     return factor
 
 
-def _reduced(image: Image, factor: int) -> Image:
+def _reduced(image: Image, factor: float) -> Image:
+    """Return a picture reduced by a power of 2, or doubled (0.5)."""
     if factor == 1:
         return image
-    height, width = (v // factor for v in image.shape[:2])
-    whole = image[: height * factor, : width * factor]
+    if factor < 1:
+        return np.asarray(cv2.resize(image, None, fx=1.0 / factor, fy=1.0 / factor), np.uint8)
+    height, width = (int(v // factor) for v in image.shape[:2])
+    whole = image[: int(height * factor), : int(width * factor)]
     return np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
 
 
