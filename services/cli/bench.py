@@ -14,6 +14,7 @@ from services.cli.errors import CliError
 BENCHMARKS = (
     "chain",
     "hold",
+    "holding",
     "resources",
     "memory",
     "wake",
