@@ -191,6 +191,25 @@ def test_the_documents_tell_pool_vessel_and_units(star: FakeStar) -> None:
     assert "stamp_ns" not in fields["helm/state"]
 
 
+def test_a_tuning_is_tried_out_before_it_is_engaged(star: FakeStar) -> None:
+    def tried(**request: Any) -> httpx.Response:
+        return httpx.post(star.url + "api/tuning", json=request)
+
+    heavy = {"yaw": {"alpha": 1.05, "beta_quadratic": 0.15}}
+    both = {"proposed": {"law": "ipd", "models": heavy}, "present": {"law": "ipd"}, "shaping": {"share": 0.7}}
+    yaw = tried(**both).json()["axes"]["yaw"]
+    assert yaw["proposed"]["step"]["overshoot_percent"] < 5.0
+    assert yaw["present"]["step"]["overshoot_percent"] > 15.0
+    assert yaw["proposed"]["gains"]["k_p"] > 1.9 * yaw["present"]["gains"]["k_p"]
+    assert tried(**both).json()["axes"]["yaw"] == yaw
+    refused = tried(proposed={"law": "ipd", "parameters": {"model_function": "1,1,2"}}).json()
+    assert refused == {"refused": "ipd: the model function 1,1,2 is not stable", "axes": {}}
+    assert tried(proposed={"law": 1}).status_code == 400
+    assert httpx.post(star.url + "api/tuning", content=b"x" * 20_000).status_code == 413
+    foreign = httpx.post(star.url + "api/tuning", json=both, headers={"origin": "http://evil.example"})
+    assert foreign.status_code == 403
+
+
 def test_files_are_served_with_their_types_and_nothing_else(star: FakeStar) -> None:
     for path, kind in {"": "text/html", "main.js": "javascript", "style.css": "text/css", "icon.svg": "svg"}.items():
         answer = httpx.get(star.url + path)

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from bus import topics
-from bus.messages import CameraImage, Message, OperatorJoystick, OperatorRequest, SimulationFault
+from bus.messages import CameraImage, Message, OperatorJoystick, OperatorRequest, SimulationFault, Tuning, TuningRequest
 from bus.topics import Topic
 from ui.session import RATE_LIMIT, SILENCE_S, STICK_SILENCE_S, Session, Update, may_connect
 
@@ -191,3 +191,13 @@ def test_a_key_with_quotes_does_not_break_the_frame(bus: Bus) -> None:
 )
 def test_only_our_own_page_may_connect(origin: str | None, host: str, expected: bool) -> None:
     assert may_connect(origin, host, ("pool.lab",)) is expected
+
+
+def test_a_tuning_becomes_a_request_of_this_client_and_takes_no_lease(bus: Bus) -> None:
+    assert bus.say(type="tuning", request_id="t1", tuning={"law": "ipd", "parameters": {"w0_rad_s": 0.8}}) == ""
+    assert bus.say(type="tuning", request_id="t2", tuning=None) == ""
+    assert bus.sent == [
+        TuningRequest(request_id="t1", client="page-1", tuning=Tuning(law="ipd", parameters={"w0_rad_s": 0.8})),
+        TuningRequest(request_id="t2", client="page-1", tuning=None),
+    ]
+    assert "law" in bus.say(type="tuning", request_id="t3", tuning={})
