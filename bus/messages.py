@@ -338,6 +338,32 @@ class ActuatorCommand(Message):
     commands: dict[Name, float]
 
 
+class ActuatorFault(Message):
+    """Which actuators do not give what they are commanded, as the vessel's motion shows."""
+
+    lost: dict[Name, Fraction] = Field({}, description="failed actuator -> part of its thrust that is lost")
+    suspected: Name = Field("", description="the likeliest one that is not certain yet")
+    ratio: float = Field(0.0, description="of the suspected: logarithm of the likelihood ratio against none failed")
+
+
+class ActuatorHealth(Message):
+    """Which actuators the allocator leaves out, and who said so."""
+
+    failed: dict[Name, Literal["configuration", "operator", "detected"]] = Field(
+        {}, description="actuators that get zero: the others take over"
+    )
+    lost: dict[Name, Fraction] = Field({}, description="what is detected: actuator -> part of its thrust that is lost")
+    reason: Text = Field("", description="what that means for the vessel; empty: all work")
+
+
+class OperatorActuator(Message):
+    """An operator's word about an actuator: it has failed, or works (again)."""
+
+    client: Name
+    actuator: Name
+    works: bool
+
+
 # --- operator and helm ------------------------------------------------------------------------------------------
 
 
@@ -495,6 +521,17 @@ class IdentifiedModel(BaseModel):
     parameters: tuple[IdentifiedParameter, ...] = ()
     warnings: tuple[Text, ...] = ()
     failure: Text = ""
+
+
+class ExperimentEstimate(Message):
+    """Recursive least squares on the running system: what is known of one axis by now; linear drag."""
+
+    run: Name = Field("", description="the experiment's; empty: from whatever moves the vessel")
+    axis: ExperimentAxis
+    method: Text
+    used_s: float = Field(description="time that it was made from")
+    parameters: tuple[IdentifiedParameter, ...] = Field((), description="none as long as nothing can be told")
+    reason: Text = Field("", description="why there are none")
 
 
 class ExperimentResult(Message):

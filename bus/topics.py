@@ -86,11 +86,17 @@ EXPERIMENT_WRENCH = Topic(
     "experiment/wrench", m.Wrench, "experiment", "What the experiment demands on its axis.", 30.0, Qos.COMMAND
 )
 EXPERIMENT_STATUS = Topic("experiment/status", m.ExperimentStatus, "experiment", "Progress, monitoring, advice.", 5.0)
+EXPERIMENT_ESTIMATE = Topic(
+    "experiment/estimate", m.ExperimentEstimate, "experiment", "Parameters by recursive least squares, so far.", 1.0
+)
 EXPERIMENT_RESULT = Topic(
     "experiment/result", m.ExperimentResult, "experiment", "What the last experiment identified.", None
 )
 
 OPERATOR_JOYSTICK = Topic("operator/joystick", m.OperatorJoystick, OPERATOR, "Stick positions.", 20.0, Qos.COMMAND)
+OPERATOR_ACTUATOR = Topic(
+    "operator/actuator", m.OperatorActuator, OPERATOR, "An actuator has failed, or works again.", None, Qos.REQUEST
+)
 OPERATOR_REQUEST = Topic("operator/request", m.OperatorRequest, OPERATOR, "Requests to the helm.", None, Qos.REQUEST)
 OPERATOR_CALIBRATION = Topic(
     "operator/calibration", m.CalibrationRequest, OPERATOR, "Requests to the camera's calibration.", None, Qos.REQUEST
@@ -113,6 +119,11 @@ ACTUATOR_DELIVERED = Topic(
     "Wrench of the commands as sent: rounded, with dead zone.",
     30.0,
 )
+
+ACTUATOR_FAULT = Topic(
+    "actuator/fault", m.ActuatorFault, "estimator", "Actuators that do not give what they are commanded.", 1.0
+)
+ACTUATOR_HEALTH = Topic("actuator/health", m.ActuatorHealth, "allocator", "Actuators that are left out, and why.", 1.0)
 
 LINK_STATUS = Topic("link/status", m.LinkStatus, "platform_link", "Statistics of the radio link.", 1.0)
 LINK_TELEMETRY = Topic("link/telemetry", m.LinkTelemetry, "platform_link", "What the platform reports.", 30.0)

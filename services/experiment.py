@@ -1,16 +1,15 @@
 """Identification experiments on the running system: one axis pushed by a state machine, the others held.
 
-The helm gives the axis (mode experiment); the record is made of measured poses and delivered forces, not of the
-estimator's state, whose filter knows a model already.
+The helm gives the axis (mode experiment); the record is made of what the vessel's own sensors measured and of delivered
+forces, not of the estimator's state, whose filter knows a model already.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field
@@ -20,29 +19,30 @@ from bus.clock import NS
 from bus.config import Deployment, Section
 from bus.messages import (
     ControlGains,
+    ExperimentAxis,
     ExperimentPlan,
     ExperimentResult,
     ExperimentStatus,
     HelmState,
     IdentifiedModel,
-    IdentifiedParameter,
     NavigationState,
     Wrench,
 )
 from bus.service import Input, Output, Service
 from marine.allocation import axis_limits
 from marine.identification.experiments import Experiment, ExperimentError, Motion, Relay, design
-from marine.identification.record import Record, along, compare, on_grid, response
+from marine.identification.record import compare, response
 from marine.identification.result import IdentificationError, Identified
-from marine.vessel import DegreeOfFreedom, Pool, Vessel
+from marine.vessel import DegreeOfFreedom, Vessel
+from services.experiment_run import FIELDS, Run, Watch, as_parameters, room, running_estimate, sensor_of
 from services.identified_vessel import IdentifiedVesselError, write_models, write_vessel
 
 STATUS_PERIOD_S = 0.2
+ESTIMATE_PERIOD_S = 1.0
 PLOTTED = 300
 """Points of the response that the result carries."""
 START_S = 1.0
 """The helm may be suspended for so long at the beginning."""
-FIELDS = {"surge": "surge_n", "sway": "sway_n", "heave": "heave_n", "yaw": "yaw_nm"}
 ROWS = {"surge": 0, "sway": 1, "heave": 2, "yaw": 5}
 
 
@@ -50,59 +50,17 @@ class ExperimentConfig(Section):
     """Section [experiment]."""
 
     longest_s: float = Field(180.0, gt=0, description="of an experiment whose plan names no duration")
-    sample_s: float | None = Field(None, gt=0, description="of the grid of the record; none: that of the poses")
-    delay_s: float = Field(
-        0.0,
+    sample_s: float | None = Field(None, gt=0, description="of the grid of the record; none: that of the sensor")
+    delay_s: float | None = Field(
+        None,
         ge=0,
-        description="known delay from command to thrust besides the vessel file's: a radio's, a polled port's",
+        description="known delay from command to thrust besides the vessel file's; none: half the link's round trip",
     )
+    instruments: bool | None = Field(
+        None, description="record compass, position and depth, not the camera; none: where there is no camera"
+    )
+    always_yaw: bool = Field(False, description="estimate yaw all the time, from whatever turns the vessel")
     save: bool = Field(True, description="write a vessel file with each identified model beside the recordings")
-
-
-class Run:
-    """One experiment under way: its machine, and what was measured so far."""
-
-    def __init__(self, run: str, plan: ExperimentPlan, machine: Experiment, state: NavigationState) -> None:
-        self.run, self.plan, self.machine = run, plan, machine
-        self.start = (state.x_m, state.y_m, state.z_m or 0.0, state.psi_rad)
-        self.poses: list[tuple[float, float, float, float]] = []
-        self.forces: list[tuple[float, float]] = []
-        self.turned_rad = 0.0
-        self.psi_rad = state.psi_rad
-
-    def eta(self, state: NavigationState) -> float:
-        """Return the way along the axis, or the angle turned, since the start."""
-        x, y, z, psi = self.start
-        if self.plan.axis == "yaw":
-            self.turned_rad += math.remainder(state.psi_rad - self.psi_rad, math.tau)
-            self.psi_rad = state.psi_rad
-            return self.turned_rad
-        if self.plan.axis == "heave":
-            return (state.z_m or 0.0) - z
-        c, s = math.cos(psi), math.sin(psi)
-        dx, dy = state.x_m - x, state.y_m - y
-        return dx * c + dy * s if self.plan.axis == "surge" else dy * c - dx * s
-
-    def record(self, sample_s: float | None, delay_s: float) -> Record:
-        """Return the record of the measurement; raise IdentificationError when there is none."""
-        if not self.poses:
-            raise IdentificationError("no camera pose came in this time")
-        t, x, y, psi = np.array(self.poses).T
-        angular = self.plan.axis == "yaw"
-        eta = psi if angular else along(x, y, self.start[3], sway=self.plan.axis == "sway")
-        tau_s, tau = np.array(self.forces).reshape(-1, 2).T
-        machine = self.machine
-        return on_grid(
-            t,
-            eta,
-            tau_s,
-            tau,
-            axis="angular" if angular else "linear",
-            begin_s=machine.used_from_s,
-            end_s=machine.ended_s or t[-1],
-            sample_s=sample_s,
-            delay_s=delay_s,
-        )
 
 
 class Experiments(Service):
@@ -113,11 +71,16 @@ class Experiments(Service):
     helm = Input(topics.HELM_STATE, max_age_s=1.0, wakes=True)
     navigation = Input(topics.NAVIGATION_STATE, max_age_s=0.25, wakes=True)
     pose = Input(topics.CAMERA_POSE, queue=32)
+    compass = Input(topics.SENSOR_COMPASS, queue=32)
+    position = Input(topics.SENSOR_POSITION, queue=32)
+    depth = Input(topics.SENSOR_DEPTH, queue=32)
+    link = Input(topics.LINK_STATUS)
     delivered = Input(topics.ACTUATOR_DELIVERED, queue=64)
     former = Input(topics.EXPERIMENT_STATUS)  # of a process before this one, from the hub
     gains = Input(topics.CONTROL_GAINS, changed_only=True)
     wrench = Output(topics.EXPERIMENT_WRENCH)
     status = Output(topics.EXPERIMENT_STATUS)
+    estimate = Output(topics.EXPERIMENT_ESTIMATE)
     result = Output(topics.EXPERIMENT_RESULT)
 
     def __init__(self, config: ExperimentConfig, vessel: Vessel, deployment: Deployment) -> None:
@@ -131,6 +94,8 @@ class Experiments(Service):
         """The last run that was begun or refused."""
         self._status = ExperimentStatus(state="idle")
         self._told_s = 0.0
+        self._estimated_s = 0.0
+        self._yaw: Watch | None = None
 
     def step(self, now_s: float) -> None:
         """Begin, push, end."""
@@ -144,6 +109,8 @@ class Experiments(Service):
             self._begin(helm, helm.experiment, state, now_s)
         if self.gains.updated and self.gains.latest:
             self._save_engaged(self.gains.latest)
+        if self._config.always_yaw and self._run is None:
+            self._watch_yaw(now_s)
         if now_s - self._told_s >= STATUS_PERIOD_S:
             self._tell(self._status, now_s)
 
@@ -165,7 +132,9 @@ class Experiments(Service):
         except ExperimentError as error:
             self._tell(ExperimentStatus(state="failed", reason=str(error)[:400], **name), now_s)
             return
-        self._run = Run(helm.experiment_run, plan, machine, state)
+        self._measured(plan.axis).take()  # what came before
+        live = running_estimate(machine.setup.dof, plan.axis, machine.setup.C, self._delay_s)
+        self._run = Run(helm.experiment_run, plan, machine, Watch(plan.axis, live, state), state)
         self._tell(ExperimentStatus(state="running", **name), now_s)
         self._push(self._run, state, now_s)
 
@@ -199,17 +168,24 @@ class Experiments(Service):
         if problem or state is None:
             self._end(run, "failed", problem, now_s)
             return
-        self._take_in(run)
+        run.take(self._measured(run.plan.axis).take(), self.delivered.take(), self._vessel.name)
+        self._tell_estimate(run.watch, run.run, now_s)
         if self.navigation.updated:
             self._push(run, state, now_s, helm.guard if helm else "")
 
-    def _take_in(self, run: Run) -> None:
-        for pose in self.pose.take():
-            good = pose.name in ("", self._vessel.name) and not pose.heading_ambiguous and pose.quality >= 0.3
-            if good and pose.x_m is not None and pose.y_m is not None:
-                run.poses.append((pose.stamp_ns / NS, pose.x_m, pose.y_m, pose.psi_rad))
-        for wrench in self.delivered.take():
-            run.forces.append((wrench.stamp_ns / NS, getattr(wrench, FIELDS[run.plan.axis]) or 0.0))
+    def _measured(self, axis: ExperimentAxis) -> Input[Any]:
+        """Return the port of the sensor that an axis is recorded from."""
+        port: Input[Any] = getattr(self, sensor_of(self._vessel, axis, self._config.instruments))
+        return port
+
+    @property
+    def _delay_s(self) -> float:
+        """Known delay from delivered force to motion."""
+        known = self._config.delay_s
+        if known is None:
+            status = self.link.latest
+            known = 0.5 * (status.round_trip_s or 0.0) if status else 0.0
+        return known + self._vessel.command_delay_s
 
     def _push(self, run: Run, state: NavigationState, now_s: float, guard: str = "") -> None:
         ahead_m, behind_m = room(self._vessel.pool, self._vessel.radius_m, run.plan.axis, state)
@@ -238,6 +214,20 @@ class Experiments(Service):
         self._status, self._told_s = status, now_s
         self.status.publish(status.model_copy(update={"stamp_ns": 0}))
 
+    def _tell_estimate(self, watch: Watch, run: str, now_s: float) -> None:
+        if now_s - self._estimated_s >= ESTIMATE_PERIOD_S:
+            self._estimated_s = now_s
+            self.estimate.publish(watch.estimate(run))
+
+    def _watch_yaw(self, now_s: float) -> None:
+        """Estimate yaw from whatever turns the vessel."""
+        if self._yaw is None:
+            dof = _dof(self._vessel, "yaw")
+            self._yaw = Watch("yaw", running_estimate(dof, "yaw", 0.5 * self._limits[ROWS["yaw"]], self._delay_s))
+        yaw = self._yaw
+        yaw.take(self._measured("yaw").take(), self.delivered.take(), self._vessel.name)
+        self._tell_estimate(yaw, "", now_s)
+
     # --- the result
 
     def _identify(self, run: Run) -> None:
@@ -245,7 +235,7 @@ class Experiments(Service):
         now_s = self._told_s
         self._run = None
         try:
-            record = run.record(self._config.sample_s, self._config.delay_s + self._vessel.command_delay_s)
+            record = run.record(self._config.sample_s, self._delay_s)
         except IdentificationError as error:
             self._end(run, "failed", str(error), now_s)
             return
@@ -315,21 +305,6 @@ def _when(stamp_s: float) -> str:
     return datetime.fromtimestamp(stamp_s, UTC).strftime("%Y%m%d-%H%M%S")
 
 
-def room(pool: Pool, radius_m: float, axis: str, state: NavigationState) -> tuple[float, float]:
-    """Return the free way ahead and behind along an axis of the vessel, in m; without walls for yaw and heave."""
-    if axis not in ("surge", "sway"):
-        return math.inf, math.inf
-    psi = state.psi_rad + (math.pi / 2.0 if axis == "sway" else 0.0)
-    ways = [math.inf, math.inf]
-    for place, size, c in ((state.x_m, pool.length_x_m, math.cos(psi)), (state.y_m, pool.length_y_m, math.sin(psi))):
-        if abs(c) < 1e-3:
-            continue
-        to_end, to_origin = (size - radius_m - place) / abs(c), (place - radius_m) / abs(c)
-        ahead, behind = (to_end, to_origin) if c > 0.0 else (to_origin, to_end)
-        ways = [min(ways[0], ahead), min(ways[1], behind)]
-    return ways[0], ways[1]
-
-
 def as_message(method: str, found: Identified | IdentificationError) -> IdentifiedModel:
     """Return a result, or why there is none, as it goes over the bus."""
     if isinstance(found, IdentificationError):
@@ -337,10 +312,7 @@ def as_message(method: str, found: Identified | IdentificationError) -> Identifi
     return IdentifiedModel(
         method=found.method,
         model=found.model,
-        parameters=tuple(
-            IdentifiedParameter(name=p.name, value=p.value, unit=p.unit, std=p.std if math.isfinite(p.std) else None)
-            for p in found.parameters
-        ),
+        parameters=as_parameters(found),
         warnings=tuple(w[:400] for w in found.warnings),
     )
 

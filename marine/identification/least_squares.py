@@ -168,18 +168,22 @@ class RecursiveLeastSquares:
         """Take the velocity now and the force that acts from now on."""
         if self._last is not None:
             nu_0, tau_0 = self._last
-            terms = {"constant": [nu_0], "linear": [abs(nu_0) * nu_0], "both": [nu_0, abs(nu_0) * nu_0]}[self._drag]
-            phi = np.array([*(-x for x in terms), tau_0, 1.0])
-            error = (nu - nu_0) / self._dt_s - float(phi @ self._theta)
-            P_phi = self._P @ phi
-            denominator = self._forgetting + float(phi @ P_phi)
-            self._theta = self._theta + P_phi * (error / denominator)
-            P = (self._P - np.outer(P_phi, P_phi) / denominator) / self._forgetting
-            self._P = 0.5 * (P + P.T)
-            self._squares = self._forgetting * self._squares + error**2 * self._forgetting / denominator
-            self._weight = self._forgetting * self._weight + 1.0
-            self._samples += 1
+            self.take((nu - nu_0) / self._dt_s, (nu_0, abs(nu_0) * nu_0), tau_0)
         self._last = (nu, tau)
+
+    def take(self, acceleration: float, drags: tuple[float, float], tau: float) -> None:
+        """Take one equation: nu', (nu, |nu| nu) and tau at one time, or weighted over one window."""
+        terms = {"constant": drags[:1], "linear": drags[1:], "both": drags}[self._drag]
+        phi = np.array([*(-x for x in terms), tau, 1.0])
+        error = acceleration - float(phi @ self._theta)
+        P_phi = self._P @ phi
+        denominator = self._forgetting + float(phi @ P_phi)
+        self._theta = self._theta + P_phi * (error / denominator)
+        P = (self._P - np.outer(P_phi, P_phi) / denominator) / self._forgetting
+        self._P = 0.5 * (P + P.T)
+        self._squares = self._forgetting * self._squares + error**2 * self._forgetting / denominator
+        self._weight = self._forgetting * self._weight + 1.0
+        self._samples += 1
 
     def result(self) -> Identified:
         """Return what is known by now; raises IdentificationError before there is anything to know."""
@@ -229,15 +233,10 @@ def _integrals(
     phi(s) = (1 - s^2)^3, s in [-1, 1]: zero with its first two derivatives at the ends, so that
     int phi nu' = -int phi' nu = int phi'' eta and no boundary terms are left.
     """
-    half = max(2, round(window_s / dt_s / 2))
+    half = half_window(window_s, dt_s)
     if len(tau) < 6 * half:
         raise IdentificationError(f"{len(tau) * dt_s:.1f} s are too short for windows of {window_s:g} s")
-    phi = (1.0 - (np.arange(-half, half + 1) / half) ** 2) ** 3
-    phi /= np.sum(phi)
-    # differences of the sampled window, not samples of its derivatives: constants and straight lines cancel exactly
-    padded = np.concatenate([[0.0], phi, [0.0]])
-    phi_1 = (padded[2:] - padded[:-2]) / (2.0 * dt_s)
-    phi_2 = (padded[2:] - 2.0 * phi + padded[:-2]) / dt_s**2
+    phi, phi_1, phi_2 = window_functions(half, dt_s)
 
     def weighted(x: FloatArray, kernel: FloatArray) -> FloatArray:
         out: FloatArray = fftconvolve(x, kernel[::-1], mode="valid")
@@ -253,14 +252,28 @@ def _integrals(
         x = np.asarray(eta, dtype=float)
         origin = x - x[0]
         y, drag = weighted(origin, phi_2), -weighted(origin, phi_1)
-        inner = np.gradient(_smoothed(x, max(2, half // 2)), dt_s)
+        inner = np.gradient(smoothed(x, max(2, half // 2)), dt_s)
     quadratic = weighted(np.abs(inner) * inner, phi)
     stride = max(1, half // 4)
     y, force = y[::stride], weighted(tau, phi)[::stride]
     return y, force, _Drags(drag[::stride], quadratic[::stride]), np.ones_like(y)
 
 
-def _smoothed(x: FloatArray, half: int) -> FloatArray:
+def half_window(window_s: float, dt_s: float) -> int:
+    """Return half the samples of a window of that length in s."""
+    return max(2, round(window_s / dt_s / 2))
+
+
+def window_functions(half: int, dt_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return phi of `_integrals` and its first two derivatives, shape (2 half + 1,) each."""
+    phi = (1.0 - (np.arange(-half, half + 1) / half) ** 2) ** 3
+    phi /= np.sum(phi)
+    # differences of the sampled window, not samples of its derivatives: constants and straight lines cancel exactly
+    padded = np.concatenate([[0.0], phi, [0.0]])
+    return phi, (padded[2:] - padded[:-2]) / (2.0 * dt_s), (padded[2:] - 2.0 * phi + padded[:-2]) / dt_s**2
+
+
+def smoothed(x: FloatArray, half: int) -> FloatArray:
     """Return x after a Savitzky-Golay filter of third order: |nu| nu cannot do without a derivative."""
     out: FloatArray = savgol_filter(x, 2 * half + 1, 3) if half > 1 else x
     return out
