@@ -7,9 +7,19 @@ import pytest
 from bus import topics
 from bus.clock import NS
 from bus.memory_bus import MemoryBus
-from bus.messages import HelmAnswer, HelmState, HelmWrench, NavigationState, OperatorJoystick, OperatorRequest, Wrench
+from bus.messages import (
+    ControlStatus,
+    HelmAnswer,
+    HelmState,
+    HelmWrench,
+    NavigationState,
+    OperatorJoystick,
+    OperatorRequest,
+    Wrench,
+)
 from bus.service import Input, Output, Service
 from services.helm import Helm, HelmConfig
+from services.helm_modes import Checks, Refused
 from services.vessels import load_vessel
 
 VESSEL = load_vessel("pladypos")
@@ -127,8 +137,72 @@ def test_hold_is_refused_without_a_pose(pool: Pool) -> None:
 
 
 def test_unknown_and_unbuilt_modes_are_refused_with_a_reason(pool: Pool) -> None:
-    assert "depth" in pool.ask("depth").reason
+    assert pool.ask("depth").reason == "no mode depth: pladypos has no actuators for heave"
     assert "no mode" in pool.ask(None).reason
+    with pytest.raises(Refused, match="no mode hold: charlie has no actuators for sway"):
+        Checks(load_vessel("charlie")).rule("hold")
+
+
+def way(*places: tuple[float, float]) -> list[dict[str, float]]:
+    return [{"x_m": x, "y_m": y} for x, y in places]
+
+
+@pytest.mark.parametrize(
+    ("mode", "fields", "says"),
+    [
+        ("path", {"points": way((1, 1), (6, 1))}, "way-point 2: x must lie in 0.30 ... 4.70 m, inside the pool"),
+        ("path", {"points": way((1, 1), (2, 2), (2, 1), (1, 2))}, "crosses itself: legs 1 and 3"),
+        ("path", {"points": way((1, 1), (2, 2), (2, 2))}, "two points of a path are equal"),
+        ("path", {"points": way((1, 1))}, "two points at least"),
+        ("path", {}, "two points at least"),
+        (
+            "path",
+            {"points": way((1, 1), (4.65, 1), (4.65, 3)), "smooth": True},
+            "the smooth path leaves the pool",
+        ),
+        ("path", {"points": way((1, 1), (3, 1)), "speed_m_s": 0.5}, "0.5 m/s is more than pladypos can do"),
+        ("path", {"points": way((1, 1), (3, 1)), "speed_m_s": -0.1}, "must be positive"),
+        ("line", {"points": way((1, 1), (2, 1), (3, 3))}, "a line goes from one point"),
+        ("line", {}, "a line goes from one point"),
+        ("speed", {"speed_m_s": -2.0}, "-2 m/s is more than pladypos can do: -0.36 ... 0.36 m/s"),
+    ],
+)
+def test_what_cannot_be_followed_is_refused_and_the_vessel_never_receives_it(
+    pool: Pool, mode: str, fields: dict[str, object], says: str
+) -> None:
+    assert pool.ask("hold", x_m=1.0, y_m=1.0).accepted
+    answer = pool.ask(mode, **fields)
+    assert not answer.accepted
+    assert says in answer.reason
+    assert (pool.state().mode, pool.state().x_m, pool.state().points) == ("hold", 1.0, ())
+
+
+def test_a_vessel_that_only_steers_is_not_asked_for_turns_that_it_cannot_make() -> None:
+    charlie = Checks(load_vessel("charlie")).abilities
+    charlie.check_path([(20, 20), (100, 20), (100, 60), (20, 60)], False, 1.0)
+    with pytest.raises(ValueError, match=r"leg 2 is too short for its turns: 4\.00 m"):
+        charlie.check_path([(20, 20), (100, 20), (100, 24), (20, 24)], False, 1.0)
+    with pytest.raises(ValueError, match="the smooth path turns with"):
+        charlie.check_path([(20, 20), (40, 20), (40, 24), (20, 30)], True, 1.0)
+    with pytest.raises(ValueError, match="more than charlie can do"):
+        charlie.check_speed(-0.1)
+
+
+def test_a_path_ends_in_hold_where_the_controller_says(pool: Pool) -> None:
+    answer = pool.ask("path", points=way((1, 1), (3, 1), (3, 3)), smooth=True, speed_m_s=0.1)
+    assert answer.reason == "3 way-points, 0.10 m/s"
+    state = pool.state()
+    assert (state.law, state.smooth, len(state.points), state.request_id) == ("path", True, 3, answer.request_id)
+    told = {"law": "ipd", "in_charge": True, "arrived": True, "reference_x_m": 3.0, "reference_y_m": 3.0}
+    done = ControlStatus.model_validate(told | {"request_id": "of another path", "reference_psi_rad": 0.7})
+    pool.bus.publish(topics.CONTROL_STATUS, done)
+    pool.bus.run_for(0.1)
+    assert pool.state().mode == "path"
+    pool.bus.publish(topics.CONTROL_STATUS, done.model_copy(update={"request_id": answer.request_id}))
+    pool.bus.run_for(0.1)
+    state = pool.state()
+    assert (state.mode, state.x_m, state.y_m, state.psi_rad) == ("hold", 3.0, 3.0, 0.7)
+    assert state.reason == "the end of the path is reached"
 
 
 def test_an_old_request_is_refused_but_an_old_stop_is_not(pool: Pool) -> None:
