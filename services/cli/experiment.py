@@ -21,6 +21,7 @@ from services.cli.system import client
 
 if TYPE_CHECKING:
     from bus.messages import (
+        ExperimentEstimate,
         ExperimentPlan,
         ExperimentResult,
         ExperimentStatus,
@@ -100,17 +101,26 @@ class BusPilot:
         self._result: ExperimentResult | None = None
         self._state: NavigationState | None = None
         self._helm: HelmState | None = None
+        self._estimate: ExperimentEstimate | None = None
         for topic in (
             topics.HELM_ANSWER,
             topics.HELM_STATE,
             topics.EXPERIMENT_STATUS,
             topics.EXPERIMENT_RESULT,
+            topics.EXPERIMENT_ESTIMATE,
             topics.NAVIGATION_STATE,
         ):
             bus.subscribe(topic.key, partial(self._hear, topic.message))
 
     def _hear(self, kind: type[Message], sample: RawSample) -> None:
-        from bus.messages import ExperimentResult, ExperimentStatus, HelmAnswer, HelmState, NavigationState
+        from bus.messages import (
+            ExperimentEstimate,
+            ExperimentResult,
+            ExperimentStatus,
+            HelmAnswer,
+            HelmState,
+            NavigationState,
+        )
 
         message = kind.decode(sample.payload)
         with self._heard:
@@ -124,6 +134,8 @@ class BusPilot:
                 self._state = message
             elif isinstance(message, HelmState):
                 self._helm = message
+            elif isinstance(message, ExperimentEstimate):
+                self._estimate = message
             self._heard.notify_all()
 
     def ask(self, **wish: Any) -> str:
@@ -167,12 +179,14 @@ class BusPilot:
                 with self._heard:
                     self._heard.wait(1.0)
                     status, self._status = self._status, None
+                    estimate = self._estimate
                 if status is None or status.run != run:
                     continue
                 last_s = time.monotonic()
                 if status.state in ("done", "failed"):
                     return status
-                line.update(progress_line(status))
+                known = estimate_line(estimate) if estimate is not None and estimate.run == run else ""
+                line.update(progress_line(status) + known)
                 if status.advice and status.advice != told:
                     told = status.advice
                     console.print(f"advice: {told}")
@@ -184,9 +198,11 @@ class BusPilot:
 
         from services.campaign import at_rest
 
-        taken_by = self._helm.holder if self._helm is not None and self._asked else ""
-        if taken_by not in ("", self._client):
-            raise CliError(f"{taken_by} has taken the helm: the campaign ends here")
+        helm = self._helm
+        if self._asked and helm is not None and helm.mode == "stop":
+            raise CliError(f"the helm has stopped ({helm.reason}): the campaign ends here")
+        if self._asked and helm is not None and helm.holder not in ("", self._client):
+            raise CliError(f"{helm.holder} has taken the helm: the campaign ends here")
         self.ask(mode="hold", x_m=place.x_m, y_m=place.y_m, psi_rad=place.psi_rad)
         clock, seen_ns = self._bus.clock, 0
         end_ns = clock.now_ns() + round(campaign.patience_s * NS)
@@ -220,6 +236,13 @@ def progress_line(status: ExperimentStatus) -> str:
     if status.spread is not None:
         parts.append(f"spread {100 * status.spread:.1f} %, {status.oscillations} in a row")
     return " · ".join(parts)
+
+
+def estimate_line(estimate: ExperimentEstimate) -> str:
+    """Return what recursive least squares know by now, as the end of a line of progress."""
+    return "".join(
+        f" · {p.name} {p.value:.4g}" + (f" +- {p.std:.1g}" if p.std is not None else "") for p in estimate.parameters
+    )
 
 
 def _lines(status: ExperimentStatus, result: ExperimentResult | None) -> list[str]:

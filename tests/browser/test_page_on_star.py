@@ -74,6 +74,7 @@ def test_an_experiment_is_run_from_the_page_to_its_result(page: Page, star: Runn
     page.fill("#experiment [name=oscillations]", "2")
     page.click("#experiment-start")
     star.wait(topics.EXPERIMENT_STATUS, lambda s: s.state == "running" and s.axis == "yaw", 5.0, "it runs")
+    page.wait_for_selector("#experiment-estimate polyline", timeout=60_000)  # recursive least squares, while it runs
     page.wait_for_selector("#experiment-result table", timeout=60_000)
     shown = page.inner_text("#experiment-result")
     assert "projection on the first harmonic" in shown

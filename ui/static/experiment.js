@@ -9,13 +9,13 @@ const SVG = "http://www.w3.org/2000/svg";
 
 export class Experiment {
   constructor(helm, store) {
-    Object.assign(this, { helm, store, shown: "" });
+    Object.assign(this, { helm, store, shown: "", estimates: [] });
     const choice = (name, label, values) => h("label", {}, h("span", { class: "label" }, label),
       h("select", { name }, ...values.map((value) => h("option", { value }, value))));
     const number = (name, label, value, attributes = {}) => h("label", {}, h("span", { class: "label" }, label),
       h("input", { name, type: "number", value, ...attributes }));
     this.form = h("form", { class: "fault", id: "experiment-form", onsubmit: (event) => this.start(event) },
-      h("div", { class: "inputs" }, choice("name", "experiment", NAMES), choice("axis", "axis", ["yaw", "surge", "sway"]),
+      h("div", { class: "inputs" }, choice("name", "experiment", NAMES), choice("axis", "axis", ["yaw", "surge", "sway", "heave"]),
         choice("direction", "first push", ["+", "-"])),
       h("div", { class: "inputs" }, number("amplitude", "force, % of the largest", "50", { min: 1, max: 100 }),
         number("hysteresis", "reverse at, ° or m", "", { step: "any", placeholder: "chosen" }),
@@ -24,8 +24,9 @@ export class Experiment {
     this.bar = h("progress", { max: "1", value: "0" });
     this.line = h("p", { class: "note", id: "experiment-status" });
     this.advice = h("p", { class: "note" });
+    this.live = h("div", { id: "experiment-estimate" });
     this.result = h("div", { id: "experiment-result" });
-    document.querySelector("#experiment").append(this.form, this.bar, this.line, this.advice, this.result);
+    document.querySelector("#experiment").append(this.form, this.bar, this.line, this.advice, this.live, this.result);
   }
 
   start(event) {
@@ -41,6 +42,8 @@ export class Experiment {
   tick() {
     const status = this.store.get("experiment/status");
     if (status && status.state !== "idle") this.showStatus(status);
+    const estimate = this.store.get("experiment/estimate");
+    if (estimate && estimate.stamp_ns !== this.estimates.at(-1)?.stamp_ns) this.showEstimate(estimate);
     const result = this.store.get("experiment/result");
     if (result && result.run !== this.shown) this.showResult(result);
   }
@@ -55,6 +58,41 @@ export class Experiment {
     if (status.amplitude != null) parts.push(`swings ${size(status.amplitude)}, bias ${size(status.bias)}`, `${status.oscillations} in a row`);
     text(this.line, parts.filter(Boolean).join(" · "));
     text(this.advice, status.advice ? `Advice: ${status.advice}` : "");
+  }
+
+  /** Recursive least squares while it runs: each parameter with its deviation, and how it came to that. */
+  showEstimate(estimate) {
+    const first = this.estimates.at(-1);
+    if (first && (first.run !== estimate.run || first.axis !== estimate.axis)) this.estimates = [];
+    this.estimates = [...this.estimates.slice(-119), estimate];
+    const known = this.estimates.filter((e) => e.parameters.length);
+    const rows = estimate.parameters.map((p, i) => h("tr", {}, h("td", {}, p.name),
+      h("td", {}, `${p.value.toPrecision(4)}${p.std == null ? "" : ` ± ${p.std.toPrecision(2)}`}`), h("td", {}, p.unit),
+      h("td", {}, this.history(known.map((e) => e.parameters[i])))));
+    this.live.replaceChildren(h("b", {}, `So far: ${estimate.axis}`),
+      rows.length ? h("table", {}, h("tbody", {}, ...rows)) : h("p", { class: "note" }, estimate.reason));
+  }
+
+  /** Value over time with a band of two deviations; the scale is that of the last third. */
+  history(values) {
+    const recent = values.slice(Math.floor((2 * values.length) / 3));
+    const low = Math.min(...recent.map((p) => p.value - 3 * (p.std ?? 0)));
+    const high = Math.max(...recent.map((p) => p.value + 3 * (p.std ?? 0)));
+    const x = (i) => (values.length < 2 ? 0 : (i / (values.length - 1)) * 140);
+    const y = (v) => Math.min(40, Math.max(0, 40 - ((v - low) / (high - low || 1)) * 40));
+    const svg = document.createElementNS(SVG, "svg");
+    svg.setAttribute("viewBox", "0 0 140 40");
+    svg.setAttribute("width", "140");
+    const draw = (tag, points, attributes) => {
+      const line = document.createElementNS(SVG, tag);
+      line.setAttribute("points", points.map(([a, b]) => `${a},${b}`).join(" "));
+      for (const [name, value] of Object.entries(attributes)) line.setAttribute(name, value);
+      svg.append(line);
+    };
+    const edge = (side) => values.map((p, i) => [x(i), y(p.value + side * 2 * (p.std ?? 0))]);
+    draw("polygon", [...edge(1), ...edge(-1).reverse()], { fill: "#4fc3df", opacity: "0.25" });
+    draw("polyline", values.map((p, i) => [x(i), y(p.value)]), { fill: "none", stroke: "#4fc3df", "stroke-width": 2 });
+    return svg;
   }
 
   showResult(result) {
