@@ -6,8 +6,10 @@ boards are photographed at rest.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,6 +23,8 @@ BOARD_DICTIONARY = "5x5_100"
 MARKER_DICTIONARY = "4x4_50"
 MIN_CORNERS = 8
 """A view with fewer says little; ChArUco corners may be partly covered."""
+_CHESSBOARD_WIDTH_PX = 960
+"""A wider picture is reduced to find a chessboard: that takes 0.2 s at this width, and four times as long at twice."""
 MARKER_PART = 0.75
 """Side of a ChArUco board's markers, in squares."""
 
@@ -52,13 +56,28 @@ class Chessboard(Board):
     def view(self, name: str, image: Image) -> View | None:
         """Return all corners, or None."""
         grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+        factor = math.ceil(grey.shape[1] / _CHESSBOARD_WIDTH_PX)
+        small = grey
+        if factor > 1:
+            size = (max(grey.shape[1] // factor, 1), max(grey.shape[0] // factor, 1))
+            small = cv2.resize(grey[: size[1] * factor, : size[0] * factor], size, interpolation=cv2.INTER_AREA)
         flags = cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_NORMALIZE_IMAGE
-        found, corners = cv2.findChessboardCornersSB(grey, (self.columns, self.rows), flags=flags)
+        found, corners = cv2.findChessboardCornersSB(small, (self.columns, self.rows), flags=flags)
         if not found:
             return None
+        if factor > 1:
+            corners = self._refined(grey, (factor * (corners + 0.5) - 0.5).astype(np.float32))
         y, x = np.mgrid[0 : self.rows, 0 : self.columns].astype(np.float32) * np.float32(self.square_m)
         board = np.stack([x.ravel(), y.ravel(), np.zeros(x.size, np.float32)], axis=1)
         return View(name, board, np.asarray(corners, np.float32).reshape(-1, 1, 2))
+
+    def _refined(self, grey: NDArray[Any], corners: NDArray[np.float32]) -> NDArray[Any]:
+        """Return corners of a reduced picture, (n, 1, 2) px, where the whole picture has them."""
+        grid = corners.reshape(self.rows, self.columns, 2)
+        steps = np.concatenate([np.diff(grid, axis=k).reshape(-1, 2) for k in (0, 1)])
+        half = max(2, int(0.35 * float(np.hypot(steps[:, 0], steps[:, 1]).min())))  # no other corner comes into sight
+        criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 1e-3)
+        return cv2.cornerSubPix(grey, corners, (half, half), (-1, -1), criteria)
 
 
 class Charuco(Board):

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from camera_tracker.sources import Frame, Image, Source
 
 _POLL_S = 0.005
-_HINT = (
+_NO_VEHICLE = (
     "no vehicle found in any frame: describe the colours of its patches in a [camera_tracker] section and give that "
     "file with --config (an example is config/overhead-video.toml)"
 )
@@ -68,7 +68,8 @@ def track(  # noqa: PLR0917 - options, each by its name
     else:
         _print_summary(source, summary)
     if not any(vehicle["found"] for vehicle in vehicles):
-        typer.echo(f"starboard: {_HINT}", err=True)
+        hint = _NO_VEHICLE if markers is None else f"no marker of {markers} found in any frame: is it that dictionary?"
+        typer.echo(f"starboard: {hint}", err=True)
 
 
 def _read_config(path: Path | None, markers: str | None) -> CameraTrackerConfig:

@@ -80,7 +80,7 @@ class HeldBoard:
         seen = fine @ lens @ np.column_stack([rotation[:, 0], rotation[:, 1], corner]) @ metres
         big = cv2.warpPerspective(self._plan, seen, (_FINE * width, _FINE * height), flags=cv2.INTER_LINEAR)
         small = np.asarray(cv2.GaussianBlur(cv2.resize(big, self._size, interpolation=cv2.INTER_AREA), (0, 0), 0.7))
-        picture = np.repeat(small[..., None], 3, axis=2)
+        picture = np.repeat(small[..., None], 3, axis=2).astype(np.uint8, copy=False)
         return picture, picture > _INK - 5.0
 
 

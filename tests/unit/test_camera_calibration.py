@@ -97,6 +97,28 @@ def test_pictures_of_the_printed_board_give_the_lens_back(tmp_path: Path) -> Non
     assert np.median(np.abs(apart)) < 0.4, "px"
 
 
+def test_a_chessboard_in_a_wide_picture_is_found_as_exactly() -> None:
+    """Wide pictures are reduced to find the board; its corners are those of the whole picture."""
+    plan = np.full((1280, 1760, 3), 255, np.uint8)
+    for row, column in np.argwhere(np.indices((5, 8)).sum(axis=0) % 2):
+        plan[160 + 192 * row : 352 + 192 * row, 112 + 192 * column : 304 + 192 * column] = 0
+    wide = np.array([930.0, 936.0, 607.0, 444.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    pose = looking((0.3, -0.2, 0.1), (0.13, 0.1), 0.4)
+    marks = np.array([(0.0, 0.0, 0.0), (0.275, 0.0, 0.0), (0.275, 0.2, 0.0), (0.0, 0.2, 0.0)])
+    to_fine = cv2.getPerspectiveTransform(
+        (6400.0 * marks[:, :2] - 0.5).astype(np.float32), (2.0 * project(marks, pose, wide)[0] + 0.5).astype(np.float32)
+    )
+    fine = cv2.warpPerspective(plan, to_fine, (2400, 1800), borderValue=(200, 200, 200))
+    picture = np.asarray(cv2.resize(fine, (1200, 900), interpolation=cv2.INTER_AREA), np.uint8)
+    seen = Chessboard(7, 4, 0.03).view("wide", picture)
+    assert seen is not None
+    corners = np.array([(0.0475 + 0.03 * x, 0.055 + 0.03 * y, 0.0) for y in range(4) for x in range(7)])
+    expected = project(corners, pose, wide)[0]
+    found = seen.seen_px.reshape(-1, 2)
+    apart = min(np.hypot(*(found - order).T).max() for order in (expected, expected[::-1]))
+    assert apart < 0.2, "px"
+
+
 def test_the_covariance_of_the_lens_is_true() -> None:
     """Mean normalised error squared of fx fy cx cy k1 k2 p1 p2 over 60 calibrations: chi-square, 99.9 % bounds."""
     squares = []

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from camera_tracker.config import CameraTrackerConfig
 from camera_tracker.detectors.base import GOOD_QUALITY, Detection
+from camera_tracker.sources import Image
 from camera_tracker.tracking import Tracker
 
 MARKERS = Path(__file__).parents[2] / ".." / "shared" / "data" / "markers"
@@ -69,6 +70,18 @@ HALF = 0.5 * np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5]])
 SAME = np.eye(2, 3)
 
 
+def spoil(image: Image, change: str) -> Image:
+    """Return a picture smaller, darker, brighter, blurred or badly compressed."""
+    if change == "half":
+        return np.asarray(cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8)
+    if change in ("dark", "bright"):
+        return np.asarray(cv2.convertScaleAbs(image, alpha=0.35 if change == "dark" else 1.4), np.uint8)
+    if change == "blur":
+        return np.asarray(cv2.GaussianBlur(image, (0, 0), 1.5), np.uint8)
+    data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 30])[1]
+    return np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), np.uint8)
+
+
 @pytest.mark.parametrize(
     ("picture", "dictionary", "change", "found"),
     [
@@ -87,13 +100,7 @@ def test_markers_in_spoilt_pictures(picture: str, dictionary: str, change: str, 
     """As many as OpenCV finds or more, and none that is good lies half a px elsewhere than in the picture as it is."""
     known = found_in(MARKERS / picture, dictionary)
     image = np.asarray(cv2.imread(str(MARKERS / picture)), np.uint8)
-    spoilt = {
-        "half": lambda: cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA),
-        "dark": lambda: cv2.convertScaleAbs(image, alpha=0.35),
-        "bright": lambda: cv2.convertScaleAbs(image, alpha=1.4),
-        "blur": lambda: cv2.GaussianBlur(image, (0, 0), 1.5),
-        "jpeg": lambda: cv2.imdecode(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 30])[1], cv2.IMREAD_COLOR),
-    }[change]()
+    spoilt = spoil(image, change)
     cv2.imwrite(str(tmp_path / "spoilt.png"), spoilt)
     seen = found_in(tmp_path / "spoilt.png", dictionary, quality=0.0)
     book = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary.upper()}"))
