@@ -408,6 +408,16 @@ class Vessel:
     """From the command at the surface to the actuator, COMM 1 of thesis Fig. 3.3."""
     sources: tuple[str, ...] = ()
 
+    @property
+    def actuation_delay_s(self) -> float:
+        """Known delay from a command to its force: on the way, and by the slowest thruster's lag where it reverses.
+
+        A first-order lag T of the command delays a thrust k n |n| that goes over from -F to F by (1/2 + ln 2) T, in the
+        mean: the integral of (1 - (1 - 2x)|1 - 2x|) / (2x) over x = exp(-t/T) from 0 to 1.
+        """
+        lag_s = max((a.lag_s for a in self.actuators if isinstance(a, Thruster)), default=0.0)
+        return self.command_delay_s + (0.5 + math.log(2.0)) * lag_s
+
     def sensor(self, kind: SensorKind) -> Sensor | None:
         """Return the sensor of a kind, None where the vessel has none."""
         return next((s for s in self.sensors if s.kind == kind), None)

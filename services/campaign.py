@@ -46,6 +46,7 @@ class CampaignFile(Section):
     amplitudes: tuple[float, ...] = Field(min_length=1, description="parts of what the actuators can do")
     directions: tuple[Literal[-1, 1], ...] = (1, -1)
     repeats: int = Field(5, ge=1)
+    tries: int = Field(2, ge=1, description="of each run: a lost pose spoils one, not the campaign")
     hysteresis_m: float | None = None
     hysteresis_rad: float | None = None
     oscillations: int = 5
@@ -135,14 +136,16 @@ def drive(campaign: CampaignFile, results: Results, pilot: Pilot, tell: Callable
         if name in done:
             tell(f"{title}: made before")
             continue
-        pilot.rest_at(place, campaign)
-        status, result = pilot.run(plan)
-        if result is None or status.state != "done":
-            failed += 1
+        for _ in range(campaign.tries):
+            pilot.rest_at(place, campaign)
+            status, result = pilot.run(plan)
+            if result is not None and status.state == "done":
+                results.add(name, result)
+                tell(f"{title}: " + ", ".join(f"{p.name} {p.value:.4g} {p.unit}" for p in result.methods[0].parameters))
+                break
             tell(f"{title}: failed: {status.reason}")
-            continue
-        results.add(name, result)
-        tell(f"{title}: " + ", ".join(f"{p.name} {p.value:.4g} {p.unit}" for p in result.methods[0].parameters))
+        else:
+            failed += 1
     return failed
 
 

@@ -185,7 +185,7 @@ class Experiments(Service):
         if known is None:
             status = self.link.latest
             known = 0.5 * (status.round_trip_s or 0.0) if status else 0.0
-        return known + self._vessel.command_delay_s
+        return known + self._vessel.actuation_delay_s
 
     def _push(self, run: Run, state: NavigationState, now_s: float, guard: str = "") -> None:
         ahead_m, behind_m = room(self._vessel.pool, self._vessel.radius_m, run.plan.axis, state)

@@ -52,12 +52,12 @@ def _from_log(path: Path, source: Source) -> tuple[Record, str]:
     from bus import topics
     from bus.clock import NS
     from logs.reader import Recording, RecordingError
-    from marine.identification.record import along, on_grid
+    from marine.identification.record import on_grid
 
     try:
         recording = Recording(path)
         runs = [e.message for e in recording.messages(topics.EXPERIMENT_RESULT)] if _has(recording) else []
-        poses = recording.series(topics.CAMERA_POSE, "x_m", "y_m", "psi_rad")
+        camera = topics.CAMERA_POSE.key in recording.topics
         forces = recording.series(topics.ACTUATOR_DELIVERED, *FIELDS.values())
     except RecordingError as error:
         raise CliError(str(error)) from None
@@ -76,18 +76,7 @@ def _from_log(path: Path, source: Source) -> tuple[Record, str]:
         told = f"{path.name}, {chosen.plan.name} on {axis}, {runs.index(chosen) + 1} of {len(runs)}"
     if axis == "heave":
         raise CliError("a log has no depth measurement yet: give heave as CSV")
-    t = poses["stamp_s"]
-    first = min(int((t < begin_s).sum()), len(t) - 1)
-    eta = (
-        poses["psi_rad"]
-        if axis == "yaw"
-        else along(
-            poses["x_m"] - poses["x_m"][first],
-            poses["y_m"] - poses["y_m"][first],
-            float(poses["psi_rad"][first]),
-            sway=axis == "sway",
-        )
-    )
+    t, eta = _motion(recording, axis, begin_s, camera=camera)
     signs = _signs(source.flip)
     record = on_grid(
         t,
@@ -101,6 +90,29 @@ def _from_log(path: Path, source: Source) -> tuple[Record, str]:
         delay_s=source.delay_s,
     )
     return record, told
+
+
+def _motion(recording: Recording, axis: AxisName, begin_s: float, *, camera: bool) -> tuple[FloatArray, FloatArray]:
+    """Return times and heading, or way along the heading at begin_s: seen by the camera, else by compass and position.
+
+    Raises CliError where nothing measured it.
+    """
+    import numpy as np
+
+    from bus import topics
+    from marine.identification.record import along
+
+    try:
+        heading = recording.series(topics.CAMERA_POSE if camera else topics.SENSOR_COMPASS, "psi_rad")
+        if axis == "yaw":
+            return heading["stamp_s"], heading["psi_rad"]
+        place = recording.series(topics.CAMERA_POSE if camera else topics.SENSOR_POSITION, "x_m", "y_m")
+    except KeyError as error:
+        raise CliError(f"{recording.path}: {error.args[0]}") from None
+    t, x, y = place["stamp_s"], place["x_m"], place["y_m"]
+    first = min(int((t < begin_s).sum()), len(t) - 1)
+    psi_rad = float(heading["psi_rad"][int(np.argmin(np.abs(heading["stamp_s"] - t[first])))])
+    return t, along(x - x[first], y - y[first], psi_rad, sway=axis == "sway")
 
 
 def _has(recording: Recording) -> bool:
