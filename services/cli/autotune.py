@@ -7,6 +7,7 @@ import os
 import sys
 import threading
 import uuid
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
@@ -17,12 +18,13 @@ from services.cli.system import client, running
 from services.cli.tune import Row, rows_of
 
 if TYPE_CHECKING:
-    from bus.messages import AxisModel, ControlGains, ExperimentResult, TunedAxis, Tuning, TuningAnswer
+    from bus.messages import AxisModel, ControlGains, ExperimentResult, Message, TunedAxis, Tuning, TuningAnswer
     from bus.service import RawSample
     from bus.zenoh_bus import ZenohBus
     from marine.vessel import Vessel
 
 ANSWER_S = 3.0
+GAINS_S = 5.0
 
 ROWS: tuple[Row, ...] = (
     ("inertia alpha", ("model", "alpha"), "{tau} s2/{eta}"),
@@ -86,33 +88,36 @@ def autotune(  # noqa: PLR0917 - typer makes options of them
 
 
 class Desk:
-    """Asks the controller on a real bus."""
+    """Asks the controller on a real bus, and hears what it runs."""
 
     def __init__(self, bus: ZenohBus) -> None:
         from bus import topics
 
         self._bus = bus
-        self._answered = threading.Condition()
+        self._heard = threading.Condition()
+        self._gains: ControlGains | None = None
         self._answers: dict[str, TuningAnswer] = {}
-        bus.subscribe(topics.CONTROL_ANSWER.key, self._hear)
+        for topic in (topics.CONTROL_GAINS, topics.CONTROL_ANSWER):
+            bus.subscribe(topic.key, partial(self._hear, topic.message))
 
-    def _hear(self, sample: RawSample) -> None:
-        from bus.messages import TuningAnswer
+    def _hear(self, kind: type[Message], sample: RawSample) -> None:
+        from bus.messages import ControlGains, TuningAnswer
 
-        answer = TuningAnswer.decode(sample.payload)
-        with self._answered:
-            self._answers[answer.request_id] = answer
-            self._answered.notify_all()
+        message = kind.decode(sample.payload)
+        with self._heard:
+            if isinstance(message, ControlGains):
+                self._gains = message
+            elif isinstance(message, TuningAnswer):
+                self._answers[message.request_id] = message
+            self._heard.notify_all()
 
     def gains(self) -> ControlGains:
-        """Return what is in force; raise CliError when the controller does not tell it."""
-        from bus import topics
-        from bus.messages import ControlGains
-
-        values = self._bus.last_values(topics.CONTROL_GAINS.key)
-        if not values or values[0].payload is None:
-            raise CliError("the controller does not tell its gains: see `starboard status`")
-        return ControlGains.decode(values[0].payload)
+        """Return what is in force, which is told every second; raise CliError when it is not."""
+        with self._heard:
+            self._heard.wait_for(lambda: self._gains is not None, GAINS_S)
+            if self._gains is None:
+                raise CliError("the controller does not tell its gains: see `starboard status`")
+            return self._gains
 
     def engage(self, tuning: Tuning | None) -> None:
         """Have a tuning engaged (None: the configuration file's); raise CliError when it is refused."""
@@ -121,8 +126,8 @@ class Desk:
 
         request = TuningRequest(request_id=uuid.uuid4().hex[:12], client=f"cli-{os.getpid()}", tuning=tuning)
         self._bus.publish(topics.OPERATOR_TUNING, request.stamped(self._bus.clock.now_ns(), 0, "cli"))
-        with self._answered:
-            if not self._answered.wait_for(lambda: request.request_id in self._answers, ANSWER_S):
+        with self._heard:
+            if not self._heard.wait_for(lambda: request.request_id in self._answers, ANSWER_S):
                 raise CliError(f"the controller did not answer within {ANSWER_S:.0f} s: see `starboard status`")
         answer = self._answers[request.request_id]
         if not answer.accepted:
