@@ -44,6 +44,7 @@ class Echo(Service):
     """Send back what comes."""
 
     name = "echo"
+    quick = True
     ping = Input(PING, wakes=True)
     pong = Output(PONG)
 
@@ -57,6 +58,7 @@ class Ping(Service):
 
     name = "ping"
     rate_hz = 50.0
+    quick = True
     pong = Input(PONG, wakes=True)
     ping = Output(PING)
 

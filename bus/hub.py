@@ -16,7 +16,8 @@ from bus.service import Output, Service
 from bus.store import Store
 from bus.zenoh_bus import HubBus
 
-LINK_S = 0.2
+LINK_S = 0.1
+"""How often hubs look for each other, and an idle standby takes over what is new."""
 SNAPSHOT_S = 0.5
 STATISTICS_S = 1.0
 ALONE_S = 1.0
@@ -118,10 +119,11 @@ class Hub(Service):
         return True
 
     def _follow_link(self, bus: HubBus, now_s: float) -> None:
-        linked = bus.linked
-        if linked and not bus.pulled:
+        linked, idle = bus.linked, bus.idle
+        bus.hear(everything=not idle)
+        if linked and (idle or not bus.pulled):
             bus.pull_store()
-        elif linked or now_s - self._started_s > ALONE_S:
+        if bus.pulled if linked else now_s - self._started_s > ALONE_S:
             bus.announce()
 
     def _load(self) -> None:

@@ -1,8 +1,10 @@
 """The loop of every process: signals, rate, heartbeat, watchdogs. It owns all that a service does not.
 
 The loop waits in one selector on an eventfd that the bus writes, on the files a service names and on the signal's
-descriptor. Readiness and life are told to the supervisor by systemd's protocol (`NOTIFY_SOCKET`), so the same process
-runs under `starboard up`, under systemd (`Type=notify`, `WatchdogSec=`) and by hand.
+descriptor. A service whose steps are `quick` is stepped by the bus' thread that brings the message while the loop
+waits: waking another thread would take longer than the step. Readiness and life are told to the supervisor by systemd's
+protocol (`NOTIFY_SOCKET`), so the same process runs under `starboard up`, under systemd (`Type=notify`,
+`WatchdogSec=`) and by hand.
 """
 
 from __future__ import annotations
@@ -17,10 +19,11 @@ import selectors
 import signal
 import socket
 import sys
+import threading
 import time
 from collections.abc import Iterator, Sequence
 
-from bus.clock import NS
+from bus.clock import NS, Clock
 from bus.service import Service
 from bus.stepper import Stepper
 from bus.zenoh_bus import ZenohBus
@@ -39,41 +42,46 @@ def run(service: Service, bus: ZenohBus) -> None:
     service.warp = bus.clock.warp.factor
     with _signals() as signal_fd, contextlib.closing(_Waker()) as waker:
         stepper = Stepper(service, bus.publish, time.perf_counter, bus.clock)
-        bus.attach(service, waker.wake)
+        turns = _Turns(stepper, bus.clock, waker)
+        bus.attach(service, turns.take if service.quick else waker.wake)
         try:
             with _Watchdog() as watchdog:
-                _loop(stepper, bus, waker, signal_fd, watchdog)
+                _loop(turns, bus, waker, signal_fd, watchdog)
         finally:
+            turns.end()
             _notify("STOPPING=1")
             stepper.stop(bus.clock.now_ns())
             bus.close()
 
 
-def _loop(stepper: Stepper, bus: ZenohBus, waker: _Waker, signal_fd: int, watchdog: _Watchdog) -> None:
-    clock = bus.clock
+def _loop(turns: _Turns, bus: ZenohBus, waker: _Waker, signal_fd: int, watchdog: _Watchdog) -> None:
+    clock, stepper = bus.clock, turns.stepper
     asked_s = time.monotonic()
     stepper.start(clock.now_ns())
     _notify("READY=1")
     gc.collect()
     gc.freeze()  # what start made lives for ever: never walk it again
     watched: Sequence[int] = ()
+    turns.begin()
     with selectors.PollSelector() as selector:
         selector.register(waker.fd, selectors.EVENT_READ)
         selector.register(signal_fd, selectors.EVENT_READ)
         while True:
-            watched = _watch(selector, watched, stepper.service.files())
-            now_ns = clock.now_ns()
-            wait_s = (stepper.next_ns(now_ns) - now_ns) / NS / clock.warp.factor
+            with turns:
+                watched = _watch(selector, watched, stepper.service.files())
+                now_ns = clock.now_ns()
+                wait_s = (stepper.next_ns(now_ns) - now_ns) / NS / clock.warp.factor
             ready = {key.fd for key, _ in selector.select(max(wait_s, 0.0))}
             if signal_fd in ready:
                 return
-            now_ns = clock.now_ns()
-            if waker.fd in ready:
-                waker.clear()
-                if not stepper.woken(now_ns):
-                    ready.remove(waker.fd)
-            if ready or now_ns >= stepper.next_ns(now_ns):
-                stepper.step(now_ns)
+            with turns:
+                now_ns = clock.now_ns()
+                if waker.fd in ready:
+                    waker.clear()
+                    if not stepper.woken(now_ns):
+                        ready.remove(waker.fd)
+                if ready or now_ns >= stepper.next_ns(now_ns):
+                    stepper.step(now_ns)
             real_s = time.monotonic()
             watchdog.feed(real_s)
             if real_s - asked_s >= _ASK_TIME_S:
@@ -108,6 +116,50 @@ class _Waker:
 
     def close(self) -> None:
         os.close(self.fd)
+
+
+class _Turns:
+    """Who steps the service: the loop (`with turns`), or the bus' thread that brings a message (`take`)."""
+
+    def __init__(self, stepper: Stepper, clock: Clock, waker: _Waker) -> None:
+        self.stepper = stepper
+        self._clock = clock
+        self._waker = waker
+        self._lock = threading.RLock()
+        self._lock.acquire()  # the loop's until it begins to wait
+        self._failure: BaseException | None = None
+
+    def begin(self) -> None:
+        """Let the bus' thread step too."""
+        self._lock.release()
+
+    def __enter__(self) -> None:
+        self._lock.acquire()
+        if self._failure is not None:
+            raise self._failure
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+    def take(self) -> None:
+        """Step at once, or wake the loop if it has the turn, or for what is its part: a later step, a failure."""
+        if not self._lock.acquire(blocking=False):
+            self._waker.wake()
+            return
+        try:
+            now_ns = self._clock.now_ns()
+            if self._failure is None and self.stepper.woken(now_ns):
+                self.stepper.step(now_ns)
+                return
+        except BaseException as failure:  # the loop raises it
+            self._failure = failure
+        finally:
+            self._lock.release()
+        self._waker.wake()
+
+    def end(self) -> None:
+        """Wait for a step of the bus' thread, if there is one; there are none from now on."""
+        self._lock.acquire()
 
 
 class _Watchdog:

@@ -268,6 +268,9 @@ class Service:
     name: ClassVar[str]
     rate_hz: ClassVar[float] = 10.0
     """`step` runs at the latest every 1 / rate_hz, and at once when an input that wakes has something."""
+    quick: ClassVar[bool] = False
+    """Whether a step always takes a few ms at most: then `bus.run` may run it in the bus' thread that brings a message
+    (never two at a time), which saves the way to another thread. A long step there would hold up the connection."""
     ports: ClassVar[dict[str, Port]] = {}
     log: logging.Logger
     warp: float = 1.0

@@ -108,16 +108,21 @@ class Store:
                 counter.renew(seconds)
             self._renewed_ns = now_ns
 
+    @property
+    def newest_ns(self) -> int:
+        """When the newest value came, 0 without any."""
+        with self._lock:
+            return max((e.received_ns for e in self.entries.values()), default=0)
+
     def items(self) -> list[tuple[str, Entry]]:
         """Return all keys with what is known of them."""
         with self._lock:
             return list(self.entries.items())
 
-    def dump(self) -> bytes:
-        """Return everything as bytes: one line of JSON, then the payloads one after the other."""
+    def dump(self, since_ns: int = 0) -> bytes:
+        """Return what came since a time as bytes: one line of JSON, then the payloads one after the other."""
         with self._lock:
-            items = list(self.entries.items())
-            self._changed = False
+            items = [(key, e) for key, e in self.entries.items() if e.received_ns >= since_ns]
         index = [
             {
                 "key": key,
@@ -142,6 +147,7 @@ class Store:
     def save(self, path: Path) -> None:
         """Write the dump to a file, whole or not at all, if anything changed; raise OSError when the disk refuses."""
         if self._changed:
+            self._changed = False
             temporary = path.with_suffix(".tmp")
             temporary.write_bytes(self.dump())
             temporary.replace(path)
@@ -150,8 +156,11 @@ class Store:
         entry = self._entry(str(about["key"]))
         if entry is None or int(about["received_ns"]) <= entry.received_ns:
             return False
+        if entry.received_ns:  # its rate goes on
+            entry.traffic.count = max(entry.traffic.count, int(about["count"]))
+        else:
+            entry.traffic = Counter(int(about["count"]))
         entry.received_ns, entry.source = int(about["received_ns"]), str(about["source"])
-        entry.traffic = Counter(max(entry.traffic.count, int(about["count"])))
         if entry.latched and payload is not None and len(payload) <= MAX_VALUE_BYTES:
             self._put(entry, payload)
         self._changed = True

@@ -28,6 +28,9 @@ log = logging.getLogger("bus")
 LEASE_MS = 400
 """A silent hub counts as dead after this; found in docs/adr/0001-zenoh.md to survive a loaded two-core machine."""
 
+_QUEUE = 8
+"""Messages sent at once that wait for the sending thread; with Zenoh's 2 a busy machine drops some of a quick burst."""
+
 TRY_MS = 300
 """So long one address is tried before the next."""
 REMIND_S = 3.0
@@ -39,7 +42,8 @@ _STORE_BACKLOG = 10_000
 """Messages that wait for the store; when it is full, routing waits. The loop empties it 50 times a second."""
 
 _DUMP = "@hub/store"
-"""Where a hub gives all its values to the other one; no wildcard fits a chunk with an @."""
+"""Where a hub gives its values to the other one; no wildcard fits a chunk with an @."""
+_SINCE = "since_ns"
 
 _TIME = "@hub/time"
 """Where the hub tells the time, and how fast it runs."""
@@ -76,7 +80,8 @@ class LastValue:
 def _settings(
     mode: str, listen: tuple[str, ...], connect: tuple[str, ...], timeout_ms: int, secured: Secured
 ) -> zenoh.Config:
-    link = {"tx": {"lease": LEASE_MS}, "rx": {"max_message_size": MAX_MESSAGE_BYTES}}
+    tx = {"lease": LEASE_MS, "queue": {"size": {"real_time": _QUEUE, "data": _QUEUE}}}
+    link = {"tx": tx, "rx": {"max_message_size": MAX_MESSAGE_BYTES}}
     values: dict[str, Any] = {
         "mode": mode,
         "scouting": {"multicast": {"enabled": False}},
@@ -309,7 +314,8 @@ class HubBus(ZenohBus):
     """The hub's own end of the bus: a router with the store, linked to the other hub if there is one.
 
     Links go one way (from the standby to the hub): mutual ones have made the router panic. Until it has the other's
-    values, a hub does not claim to know them all, so that queries reach the one that does.
+    values, a hub does not claim to know them all, so that queries reach the one that does. A standby without clients
+    does not listen: it would be woken by each message. It asks the hub for what is new instead (`pull_store`).
     """
 
     def __init__(self, session: zenoh.Session, vessel: str, store: Store, *, follows: bool) -> None:
@@ -319,14 +325,16 @@ class HubBus(ZenohBus):
         """Whether the values of the hub linked now have been taken over."""
         self._store = store
         self._announced = False
-        everything = self._key("**")
+        self._heard: zenoh.Subscriber[Any] | None = None
+        self._hearing = threading.Lock()
+        self._switching = threading.Lock()
+        self._pulled_to_ns = 0
+        self.hear(everything=True)
         self._kept += [
             session.declare_queryable(self._key(_DUMP), self._dump),
             session.declare_queryable(self._key(_TIME), self._tell_time, complete=True),
         ]
-        self._heard = session.declare_subscriber(everything, zenoh.handlers.FifoChannel(_STORE_BACKLOG))
-        self._hearing = threading.Lock()
-        self._answers = session.declare_queryable(everything, self._answer)
+        self._answers = session.declare_queryable(self._key("**"), self._answer)
 
     @classmethod
     def listen(  # noqa: PLR0917
@@ -357,10 +365,29 @@ class HubBus(ZenohBus):
         """Whether the other hub is connected."""
         return any(t.whatami == zenoh.WhatAmI.ROUTER for t in self.session.info.transports())
 
+    @property
+    def idle(self) -> bool:
+        """Whether this is a standby that nobody uses while the hub, whose values it has, is there."""
+        return self._follows and self.pulled and self.linked and not self.clients
+
+    def hear(self, *, everything: bool) -> None:
+        """Listen to all messages or to none; from any thread."""
+        with self._switching:
+            if everything and self._heard is None:
+                channel: zenoh.handlers.FifoChannel[zenoh.Sample] = zenoh.handlers.FifoChannel(_STORE_BACKLOG)
+                self._heard = self.session.declare_subscriber(self._key("**"), channel)
+                self.pull_store()  # what has passed since the last time
+            elif not everything and self._heard is not None:
+                self.fill_store()
+                with self._hearing:
+                    before, self._heard = self._heard, None
+                self._pulled_to_ns = 0
+                before.undeclare()  # type: ignore[no-untyped-call]
+
     def pull_store(self) -> None:
-        """Ask the other hub for its values, until they have come; to be called until `pulled`."""
+        """Ask the other hub for its values, or while this one is `idle` for those since the last time."""
         self.session.get(
-            self._key(_DUMP),
+            f"{self._key(_DUMP)}?{_SINCE}={self._pulled_to_ns}",
             self._merge,
             allowed_destination=zenoh.Locality.REMOTE,
             target=zenoh.QueryTarget.ALL,
@@ -376,14 +403,17 @@ class HubBus(ZenohBus):
             before.undeclare()  # type: ignore[no-untyped-call]
 
     def _on_transport(self, event: zenoh.TransportEvent) -> None:
+        self.hear(everything=True)  # until it is clear that nobody needs us
         if event.transport.whatami == zenoh.WhatAmI.ROUTER:
             self.pulled = False
+            self._pulled_to_ns = 0
 
     def fill_store(self) -> None:
         """Take over what has passed since the last call. In batches: a callback for each message would slow its way."""
         now_ns = self.clock.now_ns()
         with self._hearing:
-            while (sample := self._heard.try_recv()) is not None:
+            heard = self._heard
+            while heard is not None and (sample := heard.try_recv()) is not None:
                 key = self._strip(str(sample.key_expr))
                 if sample.kind == zenoh.SampleKind.PUT:
                     self._store.keep(key, sample.payload.to_bytes(), now_ns)
@@ -400,7 +430,7 @@ class HubBus(ZenohBus):
     def _dump(self, query: zenoh.Query) -> None:
         self.fill_store()
         with query:
-            query.reply(query.key_expr, self._store.dump())
+            query.reply(query.key_expr, self._store.dump(int(query.parameters.get(_SINCE) or 0)))
 
     def _tell_time(self, query: zenoh.Query) -> None:
         with query:
@@ -413,6 +443,8 @@ class HubBus(ZenohBus):
             self._store.merge(reply.ok.payload.to_bytes())
         except ValueError as error:
             log.warning("the other hub's values cannot be read: %s", error)
+        if self._heard is None:
+            self._pulled_to_ns = self._store.newest_ns
         self.pulled = True
 
 

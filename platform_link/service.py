@@ -43,6 +43,7 @@ class PlatformLink(Service):
 
     name = "platform_link"
     rate_hz = 20.0
+    quick = True
     command = Input(topics.ACTUATOR_COMMAND, max_age_s=0.25, wakes=True)
     status = Output(topics.LINK_STATUS)
     telemetry = Output(topics.LINK_TELEMETRY)

@@ -52,6 +52,7 @@ class Allocator(Service):
 
     name = "allocator"
     rate_hz = 20.0
+    quick = True
     wrench = Input(topics.HELM_WRENCH, max_age_s=0.25, wakes=True)
     fault = Input(topics.ACTUATOR_FAULT)
     order = Input(topics.OPERATOR_ACTUATOR, queue=16)

@@ -95,6 +95,7 @@ class Controller(Service):
 
     name = "controller"
     rate_hz = 10.0
+    quick = True
     navigation = Input(topics.NAVIGATION_STATE, max_age_s=0.25, wakes=True)
     helm = Input(topics.HELM_STATE, max_age_s=1.0)
     attained = Input(topics.ACTUATOR_ATTAINED, max_age_s=0.25)

@@ -76,6 +76,7 @@ class Estimator(Service):
 
     name = "estimator"
     rate_hz = 25.0
+    quick = True
 
     pose = Input(topics.CAMERA_POSE, wakes=True, queue=16)
     position = Input(topics.SENSOR_POSITION, wakes=True, queue=16)

@@ -69,6 +69,7 @@ class Helm(Service):
 
     name = "helm"
     rate_hz = 20.0
+    quick = True
     requests = Input(topics.OPERATOR_REQUEST, queue=32, wakes=True)
     joystick = Input(topics.OPERATOR_JOYSTICK, max_age_s=0.5, wakes=True)
     control = Input(topics.CONTROL_WRENCH, max_age_s=0.25, wakes=True)

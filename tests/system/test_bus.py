@@ -96,6 +96,8 @@ def test_last_values_outlive_every_hub_in_turn(pair: HubPair) -> None:
         return value is not None and value.payload == sent.encode()
 
     wait_for(lambda: kept(bus), 3.0, "it is kept")
+    standbys = pair.folder / "run" / "hub_standby.snapshot"  # an idle standby asks for what is new ten times a second
+    wait_for(lambda: standbys.exists() and sent.encode() in standbys.read_bytes(), 3.0, "the standby has it too")
     for name in (*pair.names, pair.names[0]):
         pair.kill(name)
         late = pair.client()
