@@ -40,7 +40,7 @@ LEASE_S = 3600.0
 
 
 def experiment(  # noqa: PLR0917 - typer makes options of them
-    name: Annotated[str, typer.Argument(help="step, zigzag, self-oscillation, pull-out, prbs; or campaign.")],
+    name: Annotated[str, typer.Argument(help="step, zigzag, self-oscillation, pull-out, prbs; or campaign, pull.")],
     axis: Annotated[Literal["surge", "sway", "heave", "yaw"], typer.Option(help="Which axis is pushed.")] = "yaw",
     amplitude: Annotated[float, typer.Option(min=0.01, max=1.0, help="Part of what the actuators can do.")] = 0.5,
     reverse: Annotated[bool, typer.Option("--reverse", help="Push the other way first.")] = False,
@@ -50,12 +50,21 @@ def experiment(  # noqa: PLR0917 - typer makes options of them
     duration_s: Annotated[float | None, typer.Option(help="Longest duration.")] = None,
     take: Annotated[bool, typer.Option("--take", help="Take over from a page that has the helm.")] = False,
     file: Annotated[Path | None, typer.Option(help="Of a campaign: its TOML file.")] = None,
+    levels: Annotated[int, typer.Option(min=4, max=50, help="Of pull: forces each way.")] = 6,
+    save: Annotated[Path | None, typer.Option(help="Of pull: write a vessel file with the thrust curve here.")] = None,
+    simulated: Annotated[bool, typer.Option("--simulated", help="Of pull: read the simulator, no balance.")] = False,
     hub: Hub = None,
     as_json: Json = False,
 ) -> None:
     """Run an experiment; shows its progress and prints the model. Ctrl-C ends it: the vessel holds where it is."""
     if name == "campaign":
         _campaign(file, hub, take, as_json)
+        return
+    if name == "pull":
+        from services.cli.pull import pull
+
+        with client(hub) as bus:
+            pull(BusPilot(bus, take, quiet=True), axis, levels, save=save, simulated=simulated, as_json=as_json)
         return
     from pydantic import ValidationError
 
@@ -92,8 +101,8 @@ class BusPilot:
     def __init__(self, bus: ZenohBus, take: bool, *, quiet: bool) -> None:
         from bus import topics
 
-        self._bus, self._take, self._quiet = bus, take, quiet
-        self._client = f"cli-{os.getpid()}"
+        self.bus, self._take, self._quiet = bus, take, quiet
+        self.client = f"cli-{os.getpid()}"
         self._asked = False
         self._heard = threading.Condition()
         self._answers: dict[str, HelmAnswer] = {}
@@ -144,10 +153,10 @@ class BusPilot:
         from bus.messages import OperatorRequest
 
         request = OperatorRequest(
-            stamp_ns=self._bus.clock.now_ns(), source="cli", request_id=uuid.uuid4().hex[:12], client=self._client,
+            stamp_ns=self.bus.clock.now_ns(), source="cli", request_id=uuid.uuid4().hex[:12], client=self.client,
             lease_s=LEASE_S, attended=False, take=self._take, **wish,
         )  # fmt: skip
-        self._bus.publish(topics.OPERATOR_REQUEST, request)
+        self.bus.publish(topics.OPERATOR_REQUEST, request)
         with self._heard:
             if not self._heard.wait_for(lambda: request.request_id in self._answers, ANSWER_S):
                 raise CliError(f"the helm did not answer within {ANSWER_S:.0f} s: see `starboard status`")
@@ -201,10 +210,10 @@ class BusPilot:
         helm = self._helm
         if self._asked and helm is not None and helm.mode == "stop":
             raise CliError(f"the helm has stopped ({helm.reason}): the campaign ends here")
-        if self._asked and helm is not None and helm.holder not in ("", self._client):
+        if self._asked and helm is not None and helm.holder not in ("", self.client):
             raise CliError(f"{helm.holder} has taken the helm: the campaign ends here")
         self.ask(mode="hold", x_m=place.x_m, y_m=place.y_m, psi_rad=place.psi_rad)
-        clock, seen_ns = self._bus.clock, 0
+        clock, seen_ns = self.bus.clock, 0
         end_ns = clock.now_ns() + round(campaign.patience_s * NS)
         calm_since_ns: int | None = None
         with Console(stderr=True, quiet=self._quiet).status(f"to x {place.x_m:g} m, y {place.y_m:g} m, and calm there"):
