@@ -1,6 +1,7 @@
 """The helm: who may act, what is refused, when it suspends, resumes and stops."""
 
 import math
+from typing import Any
 
 import pytest
 
@@ -168,7 +169,7 @@ def way(*places: tuple[float, float]) -> list[dict[str, float]]:
     ],
 )
 def test_what_cannot_be_followed_is_refused_and_the_vessel_never_receives_it(
-    pool: Pool, mode: str, fields: dict[str, object], says: str
+    pool: Pool, mode: str, fields: dict[str, Any], says: str
 ) -> None:
     assert pool.ask("hold", x_m=1.0, y_m=1.0).accepted
     answer = pool.ask(mode, **fields)
