@@ -1,4 +1,4 @@
-"""`starboard figures`: the figures of thesis chapters 6 and 7 computed again, and those of a real ship."""
+"""`starboard figures`: the figures of thesis chapters 6 to 8 computed again, and those of a real ship."""
 
 from __future__ import annotations
 
@@ -67,7 +67,24 @@ FIGURES: dict[str, _Drawing] = {
     **_charlie("7.29", "time_constant_shares", "shares of experiments by difference of time constants"),
     **_charlie("7.30", "prediction", "sums of absolute errors", 1),
     **_charlie("7.31", "prediction", "sums of absolute errors", 2),
+    "8.16": _Drawing("guidance", "reference_changes", "distance keeping: ramp and step"),
+    "8.17": _Drawing("guidance", "laser_absent", "distance keeping: twice 5 s without measurements"),
+    **{
+        number: _Drawing("guidance", "far_away", f"line following: method {method}, {limit} the limit", number)
+        for number, method, limit in (
+            ("8.20", 1, "without"),
+            ("8.21", 1, "with"),
+            ("8.22", 2, "without"),
+            ("8.23", 2, "with"),
+        )
+    },
+    **{
+        number: _Drawing("guidance", "u_turn", f"line following: U-turn by {law}", law)
+        for number, law in (("8.24", "method 1"), ("8.25", "method 2, case 1"), ("8.26", "method 2, case 2"))
+    },
+    "8.27": _Drawing("guidance", "rudder_activity", "line following: rudder by two model functions"),
     "ship": _Drawing("ship", "ship", "real zig-zags: every method, each run predicts the others"),
+    "spirals": _Drawing("manoeuvres", "spirals", "direct and reverse spiral of a stable and of an unstable ship"),
     "turning": _Drawing("ship", "turning", "real turning circles and overshoots"),
 }
 """Name -> what draws it. Numbers are those of the thesis."""
@@ -77,6 +94,8 @@ _MODULES = {
     "videoray": "services.cli.figures_rov",
     "automarine": "services.cli.figures_rov",
     "charlie": "services.cli.figures_charlie",
+    "manoeuvres": "services.cli.figures_manoeuvres",
+    "guidance": "services.cli.figures_guidance",
     "ship": "services.cli.figures_ship",
 }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import numpy as np
 import pytest
 import typer
 from typer.testing import CliRunner
@@ -61,3 +62,15 @@ def test_what_is_unknown_or_missing_is_one_line(tmp_path: Path) -> None:
     assert isinstance(missing.exception, CliError)
     assert "--data" in str(missing.exception)
     assert not list(tmp_path.iterdir())
+
+
+def test_spirals_read_the_folds_and_slopes_of_the_equation() -> None:
+    """delta = a r + 400 r^3: slope 1/a at zero; for a = -2 folds at r = sqrt(1/600), 6.24 degrees apart."""
+    from services.cli import figures_manoeuvres as spirals
+
+    assert spirals.direct(2.0).loop_width_rad == 0.0
+    assert spirals.reverse(2.0).slope_per_s == pytest.approx(0.5, rel=0.06)
+    assert spirals.reverse(-2.0).slope_per_s == pytest.approx(-0.5, rel=0.06)
+    folds = 2.0 * (2.0 * 600.0**-0.5 - 400.0 * 600.0**-1.5)
+    assert spirals.reverse(-2.0).loop_width_rad == pytest.approx(folds, rel=0.02)
+    assert spirals.direct(-2.0).loop_width_rad == pytest.approx(folds, abs=np.radians(1.0))  # steps of one degree
