@@ -1,4 +1,6 @@
-"""Closed-form step responses of one uncoupled degree of freedom from rest, thesis 4.3, pladypos 4.
+"""What a step response of one uncoupled degree of freedom comes to, thesis 4.3, pladypos 4.
+
+The responses themselves are in `marine.identification.step`.
 
 They hold for drag of one kind, constant or linear (thesis (2.34)); others raise ValueError. tau is the step in N or Nm.
 """
@@ -27,26 +29,6 @@ def time_constant(dof: DegreeOfFreedom, tau: float) -> float:
     if _drag_is_constant(dof):
         return dof.alpha / dof.beta
     return dof.alpha / math.sqrt(dof.beta_quadratic * abs(tau))
-
-
-def speed_after(dof: DegreeOfFreedom, tau: float, t_s: float) -> float:
-    """Return the speed t_s after a step, (4.30) or (4.35); pladypos (5), (8)."""
-    if tau == 0.0:
-        return 0.0
-    T = time_constant(dof, tau)
-    part = -math.expm1(-t_s / T) if _drag_is_constant(dof) else math.tanh(t_s / T)
-    return steady_speed(dof, tau) * part
-
-
-def position_after(dof: DegreeOfFreedom, tau: float, t_s: float, eta_0: float = 0.0) -> float:
-    """Return the position or angle t_s after a step, (4.42) or (4.46), in m or rad."""
-    if tau == 0.0:
-        return eta_0
-    T = time_constant(dof, tau)
-    if _drag_is_constant(dof):
-        return eta_0 + tau / dof.beta * (t_s + T * math.expm1(-t_s / T))
-    k = dof.alpha / dof.beta_quadratic
-    return eta_0 + math.copysign(k, tau) * (t_s / T - math.log(2.0) + math.log1p(math.exp(-2.0 * t_s / T)))
 
 
 def velocity_error(dof: DegreeOfFreedom, tau: float, eta_0: float = 0.0) -> float:

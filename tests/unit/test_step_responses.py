@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from marine.dynamics.step_response import position_after, speed_after, steady_speed, time_constant, velocity_error
+from marine.dynamics.step_response import steady_speed, time_constant, velocity_error
+from marine.identification.result import Drag
+from marine.identification.step import position_response, velocity_response
 from marine.vessel import DegreeOfFreedom
 
 LINEAR = DegreeOfFreedom(80.0, 300.0, 0.0)  # Table 7.1 without its small quadratic part
@@ -33,6 +35,11 @@ TABLE_7_10 = [
 ]
 
 
+def form(dof: DegreeOfFreedom) -> tuple[float, float, Drag]:
+    """Return alpha, the one drag coefficient and its form, as `marine.identification.step` takes them."""
+    return (dof.alpha, dof.beta, "constant") if dof.beta else (dof.alpha, dof.beta_quadratic, "linear")
+
+
 @pytest.mark.parametrize("dof", [LINEAR, QUADRATIC])
 @pytest.mark.parametrize("tau", [0.6, -300.0])
 def test_closed_forms_solve_the_differential_equation(dof: DegreeOfFreedom, tau: float) -> None:
@@ -43,21 +50,22 @@ def test_closed_forms_solve_the_differential_equation(dof: DegreeOfFreedom, tau:
         lambda _t, s: [s[1], (tau - dof.drag(s[1])) / dof.alpha],
         (0.0, times[-1]), [0.4, 0.0], method="DOP853", t_eval=times, rtol=1e-11, atol=1e-13,
     )  # fmt: skip
-    assert [position_after(dof, tau, t, 0.4) for t in times] == pytest.approx(exact.y[0], rel=1e-8)
-    assert [speed_after(dof, tau, t) for t in times] == pytest.approx(exact.y[1], rel=1e-8, abs=1e-12)
+    model = form(dof)
+    assert position_response(times, tau, *model, eta_0=0.4) == pytest.approx(exact.y[0], rel=1e-8)
+    assert velocity_response(times, tau, *model) == pytest.approx(exact.y[1], rel=1e-8, abs=1e-12)
     late = 40.0 * T
-    rest = position_after(dof, tau, late, 0.4) - steady_speed(dof, tau) * late
+    rest = float(position_response(np.array([late]), tau, *model, eta_0=0.4)[0]) - steady_speed(dof, tau) * late
     assert rest == pytest.approx(velocity_error(dof, tau, 0.4), rel=1e-9)
 
 
 def test_time_constants_are_the_63_and_76_per_cent_of_the_papers() -> None:
     assert time_constant(LINEAR, 1.0) == pytest.approx(80.0 / 300.0)  # (4.32)
-    assert speed_after(LINEAR, 5.0, 80.0 / 300.0) / steady_speed(LINEAR, 5.0) == pytest.approx(
-        0.632, abs=5e-4
-    )  # (4.33)
+    reached = velocity_response(np.array([80.0 / 300.0]), 5.0, *form(LINEAR)) / steady_speed(LINEAR, 5.0)
+    assert reached == pytest.approx(0.632, abs=5e-4)  # (4.33)
     T = time_constant(QUADRATIC, 0.8)
     assert pytest.approx(1.018 / math.sqrt(1.257 * 0.8)) == T  # (4.37), pladypos (10)
-    assert round(speed_after(QUADRATIC, 0.8, T) / steady_speed(QUADRATIC, 0.8), 3) == 0.762
+    reached = velocity_response(np.array([T]), 0.8, *form(QUADRATIC)) / steady_speed(QUADRATIC, 0.8)
+    assert round(float(reached[0]), 3) == 0.762
     assert math.tanh(1.0) == pytest.approx(0.761, abs=1e-3)  # the papers cut, we round
 
 
@@ -81,7 +89,6 @@ def test_with_drag_of_both_kinds_there_is_a_steady_speed_but_no_closed_response(
     assert falcon.drag(w) == pytest.approx(-200.0)
     assert w < 0.0
     with pytest.raises(ValueError, match="one kind"):
-        speed_after(falcon, 200.0, 1.0)
+        time_constant(falcon, 200.0)
     with pytest.raises(ValueError, match="without drag"):
         steady_speed(DegreeOfFreedom(1.0, 0.0, 0.0), 1.0)
-    assert (speed_after(QUADRATIC, 0.0, 1.0), position_after(QUADRATIC, 0.0, 1.0, 0.2)) == (0.0, 0.2)
