@@ -5,7 +5,8 @@ from __future__ import annotations
 import copy
 import math
 from collections import deque
-from typing import Literal, Self
+from dataclasses import replace
+from typing import Any, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -13,7 +14,7 @@ from pydantic import Field, model_validator
 from bus import topics
 from bus.clock import NS
 from bus.config import Section
-from bus.messages import CameraPose, NavigationState, SensorPosition
+from bus.messages import CameraPose, ControlGains, NavigationState, SensorPosition
 from bus.service import FUTURE_TOLERANCE_S, Input, Output, Service
 from marine.allocation import axis_limits
 from marine.dynamics.integrate import State
@@ -85,12 +86,13 @@ class Estimator(Service):
     delivered = Input(topics.ACTUATOR_DELIVERED, queue=16)
     command = Input(topics.ACTUATOR_COMMAND, queue=16)
     order = Input(topics.OPERATOR_ACTUATOR, queue=16)
+    gains = Input(topics.CONTROL_GAINS, changed_only=True)
     state = Output(topics.NAVIGATION_STATE)
     fault = Output(topics.ACTUATOR_FAULT)
 
     def __init__(self, config: EstimatorConfig, vessel: Vessel) -> None:
         self._config = config
-        self._model = vessel.model
+        self._vessel, self._model = vessel, vessel.model
         self._pool = vessel.pool
         receiver, compass = vessel.sensor("position"), vessel.sensor("compass")
         position_m = config.position_noise_px / vessel.camera.scale_px_per_m
@@ -137,6 +139,8 @@ class Estimator(Service):
     def step(self, now_s: float) -> None:
         """Take in what came, publish the state at now."""
         now_ns = round(now_s * NS)
+        if self.gains.updated and self.gains.latest:
+            self._take_models(self.gains.latest)
         for wrench in self.delivered.take():
             surge, sway, heave, _, _, yaw = wrench.vector()
             self._depth.heave_n = heave
@@ -156,6 +160,18 @@ class Estimator(Service):
         self._publish(now_ns)
         if self._monitor is not None:
             self._tell_faults(self._monitor, now_s)
+
+    def _take_models(self, told: ControlGains) -> None:
+        """Go on with the models for which the law in force is designed: identified ones may be among them."""
+        models: dict[str, Any] = {axis: DegreeOfFreedom(**m.model_dump()) for axis, m in told.tuning.models.items()}
+        model = replace(self._vessel.model, **models)
+        if model == self._model:
+            return
+        self._model = model
+        if self._ekf is not None:
+            self._ekf.exchange(model)
+        if self._monitor is not None:
+            self._monitor = ActuatorMonitor(replace(self._vessel, model=model))
 
     def _tell_faults(self, monitor: ActuatorMonitor, now_s: float) -> None:
         for command in self.command.take():

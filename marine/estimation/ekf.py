@@ -79,6 +79,10 @@ class PoseEkf:
         self._suspects = 0
         self._suspect_age_s = 0.0
 
+    def exchange(self, model: HorizontalModel) -> None:
+        """Go on with another model of the vessel."""
+        self._dynamics = UncoupledModel(model)
+
     def predict(self, dt_s: float, tau: Tau) -> Array:
         """Go forward by dt_s (at most some 0.1 s) with the wrench tau in {B}; return the transition matrix (9, 9)."""
         before = self.state

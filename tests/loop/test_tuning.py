@@ -209,24 +209,23 @@ def tune(star: Star, axis: TunedAxis) -> AxisModel:
     return AxisModel(**{name: found.get(name, 0.0) for name in ("alpha", "beta", "beta_quadratic")})
 
 
-def moved(star: Star) -> tuple[float, float, float]:
-    """Return, of a way of 1 m with a turn by 90 degrees, seconds until within 5 cm and 5 % of the turn for good.
+def moved(star: Star, place_m: float) -> tuple[float, float, float]:
+    """Return, of a way of 1 m with a turn by 90 degrees, seconds until within `place_m` and 5 % of the turn for good.
 
     And the overshoot of the turn in rad, and RMS distance in m at rest.
     """
     star.hold(1.9, 1.875, 0.0)
-    star.bus.run_for(40.0)
+    star.bus.run_for(30.0)
     since_s = star.bus.now_s
     star.hold(2.9, 1.875, math.pi / 2.0)
-    star.bus.run_for(30.0)
+    star.bus.run_for(40.0)
     after = [t for t in star.truth if t.stamp_ns * 1e-9 > since_s]
     off = [
         t.stamp_ns * 1e-9 - since_s
         for t in after
-        if math.hypot(t.x_m - 2.9, t.y_m - 1.875) > 0.05
+        if math.hypot(t.x_m - 2.9, t.y_m - 1.875) > place_m
         or abs(wrap_angle(t.psi_rad - math.pi / 2)) > 0.05 * math.pi / 2
     ]
-    star.bus.run_for(20.0)
     return (
         off[-1],
         max(t.psi_rad for t in after) - math.pi / 2.0,
@@ -234,20 +233,27 @@ def moved(star: Star) -> tuple[float, float, float]:
     )
 
 
-@pytest.mark.parametrize("axes", [("yaw",), pytest.param(("yaw", "surge", "sway"), marks=pytest.mark.soak)], ids=len)
-def test_an_unknown_vessel_is_tuned_and_holds_within_the_goals(tmp_path: Path, axes: tuple[TunedAxis, ...]) -> None:
+@pytest.mark.parametrize(
+    ("axes", "place_m"),
+    [(("yaw",), math.inf), pytest.param(("yaw", "surge", "sway"), 0.05, marks=pytest.mark.soak)],
+    ids=["yaw", "all"],
+)
+def test_an_unknown_vessel_is_tuned_and_holds_within_the_goals(
+    tmp_path: Path, axes: tuple[TunedAxis, ...], place_m: float
+) -> None:
     star = unknown_vessel(tmp_path)
-    settled_s, overshoot_rad, _ = moved(star)
+    settled_s, overshoot_rad, distance_m = moved(star, place_m)
     assert settled_s > 15.0  # without tuning it misses the goals of issue 7
     assert overshoot_rad > 0.05 * math.pi / 2.0
+    assert distance_m > 1.5e-3
     models = {axis: tune(star, axis) for axis in axes}
     for axis, model in models.items():
         assert model.alpha == pytest.approx(getattr(heavier(PLADYPOS.model), axis).alpha, rel=0.05)
     assert ask(star, Tuning(law="ipd", models=models)).accepted
-    settled_s, overshoot_rad, distance_m = moved(star)
+    settled_s, overshoot_rad, distance_m = moved(star, place_m)
+    assert settled_s <= 15.0
+    assert overshoot_rad < 0.01 * math.pi / 2.0  # the estimator has the model, too: without it 2 %
+    assert distance_m <= 1.5e-3 or "surge" not in axes
     saved = load_vessel(str(next((tmp_path / "identified").glob("pladypos-engaged-*.toml"))))
     assert saved.model.yaw.alpha == pytest.approx(models["yaw"].alpha, rel=1e-6)
     assert saved.model.surge.alpha == pytest.approx(models.get("surge", PLADYPOS.model.surge).alpha, rel=1e-6)
-    assert settled_s <= 15.0
-    assert overshoot_rad < 0.05 * math.pi / 2.0
-    assert distance_m <= 1.5e-3 or len(axes) == 1
