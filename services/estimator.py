@@ -22,7 +22,7 @@ from marine.dynamics.uncoupled import Tau
 from marine.estimation.depth import DepthFilter
 from marine.estimation.ekf import Array, EkfTuning, PoseEkf, Verdict
 from marine.estimation.smoothing import CausalVelocities
-from marine.vessel import Sensor, Vessel
+from marine.vessel import DegreeOfFreedom, Sensor, Vessel
 from services.actuator_monitor import ActuatorMonitor, can_be_monitored
 
 WRENCH_HOLD_NS = 350_000_000
