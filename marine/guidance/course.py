@@ -130,8 +130,7 @@ def _second_derivatives(P: Array, h: Array) -> Array:
     for i in range(1, n - 1):
         A[i, i - 1 : i + 2] = h[i - 1], 2.0 * (h[i - 1] + h[i]), h[i]
         right[i] = 6.0 * (slopes[i] - slopes[i - 1])
-    solution: Array = np.linalg.solve(A, right)
-    return solution
+    return np.asarray(np.linalg.solve(A, right), dtype=np.float64)
 
 
 def _arc(turn: float, corner_m: float, most_m: float) -> tuple[float, float]:
@@ -174,7 +173,7 @@ def _crosses(x: Array, y: Array) -> bool:
     A, d = P[:-1], np.diff(P, axis=0)
 
     def side(i: int, points: Array) -> Array:
-        return d[i, 0] * (points[:, 1] - A[i, 1]) - d[i, 1] * (points[:, 0] - A[i, 0])
+        return np.asarray(d[i, 0] * (points[:, 1] - A[i, 1]) - d[i, 1] * (points[:, 0] - A[i, 0]))
 
     for i in range(len(d) - 2):
         others = slice(i + 2, len(d))

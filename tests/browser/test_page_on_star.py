@@ -67,6 +67,19 @@ def test_a_click_on_the_map_and_hold_ends_at_that_true_place_and_stop_stops(page
     wait_for(lambda: at_rest(star), 1.0, "zero commands at the firmware")
 
 
+def test_way_points_on_the_map_are_followed_by_the_true_vessel(page: Page, star: RunningStar) -> None:
+    page.click("#route-edit")
+    press_at(page, 2.2, 1.2)
+    press_at(page, 3.0, 1.2)
+    page.fill("#route-speed", "0.2")
+    page.click("#route-follow")
+    star.wait(topics.HELM_STATE, lambda s: s.mode == "line" and len(s.points) == 2, 5.0, "the helm follows the line")
+    star.wait(topics.CONTROL_STATUS, lambda s: (s.along_m or 0.0) > 0.2, 60.0, "the reference is on the line")
+    star.wait(topics.HELM_STATE, lambda s: s.mode == "hold", 60.0, "at the end it holds")
+    wait_for(lambda: math.hypot(truth(star).x_m - 3.0, truth(star).y_m - 1.2) < 0.05, 20.0, "the true vessel is there")
+    page.click("#stop")
+
+
 def test_an_experiment_is_run_from_the_page_to_its_result(page: Page, star: RunningStar) -> None:
     page.click("[data-tab=experiment]")
     page.fill("#experiment [name=amplitude]", "70")

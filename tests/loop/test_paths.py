@@ -13,6 +13,7 @@ from bus import topics
 from bus.messages import ControlStatus, HelmState
 from marine.frames import wrap_angle
 from marine.guidance.abilities import course_of
+from services.vessels import VESSELS_DIR
 from tests.star import Star, build_star
 
 CURRENT = {"current_x_m_s": 0.04, "current_y_m_s": 0.03, "current_std_m_s": 0.005}
@@ -156,3 +157,40 @@ def test_a_depth_is_held_while_the_stick_has_the_rest_and_goes_along_into_other_
     truth = star.truth[-1]
     assert truth.z_m == pytest.approx(1.0, abs=0.03)
     assert truth.surge_m_s == pytest.approx(0.05, abs=0.01)
+
+
+# Charlie on the whole star: its allocation takes 3 ms a step, so these are long
+
+WIND = {"wind_drag_area_m2": 2.0, "wind_y_m_s": 4.0, "gust_std_m_s": 0.3, "current_x_m_s": 0.0, "current_std_m_s": 0.0}
+WALKS = {"force_walk_n": 0.3, "moment_walk_nm": 0.3, "yaw_rate_walk_rad_s": 0.002}
+
+
+def charlie(tmp_path: Any, law: str, position_m: float) -> Star:
+    """Return Charlie in wind of 19 N across, with a receiver of so much noise."""
+    text = (VESSELS_DIR / "charlie.toml").read_text(encoding="utf-8")
+    file = tmp_path / "charlie.toml"
+    file.write_text(
+        text.replace("noise = 0.5                     # chosen\n\n[[sensor]]", f"noise = {position_m}\n\n[[sensor]]")
+    )
+    place = {"x_m": 10.0, "y_m": 55.0}
+    star = Star(vessel=str(file), simulator=WIND | place, estimator=WALKS, controller={"line": law})
+    star.bus.run_for(8.0)
+    return star
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("law", ["line_of_sight", "direct", "indirect"])
+def test_charlie_follows_a_line_and_turns_back(tmp_path: Any, law: str) -> None:
+    star = charlie(tmp_path, law, 0.05)
+    follow(star, [(10.0, 50.0), (190.0, 50.0)], speed_m_s=1.0)
+    star.bus.run_until(lambda: helm(star).mode == "stop", 240.0)
+    assert helm(star).reason == "the end of the path is reached"
+    d = [t.y_m - 50.0 for t in star.truth if t.x_m > 110.0]
+    print(f"{law}: mean {1e3 * float(np.mean(d)):.0f} mm, RMS {1e3 * math.sqrt(float(np.mean(np.square(d)))):.0f} mm")
+    assert abs(float(np.mean(d))) < 0.1
+    star = charlie(tmp_path, law, 0.05)
+    follow(star, [(10.0, 50.0), (90.0, 50.0), (90.0, 80.0), (10.0, 80.0)], speed_m_s=1.0)
+    star.bus.run_until(lambda: helm(star).mode == "stop", 300.0)
+    back = [t.y_m - 80.0 for t in star.truth[len(star.truth) // 2 :] if t.x_m < 30.0]
+    assert back
+    assert max(map(abs, back)) < 1.0
