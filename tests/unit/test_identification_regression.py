@@ -14,6 +14,7 @@ from marine.identification import harmonic, least_squares, response_fit, self_os
 from marine.identification.paper_tables import TABLE_7_12
 from marine.identification.relay_loop import RelayLoop
 from marine.identification.result import Drag, FloatArray, IdentificationError, Identified
+from marine.identification.running import RunningEstimate
 from marine.vessel import DegreeOfFreedom
 
 SHIP = Path(__file__).parents[3] / "shared/data/ship/esso-osaka/zigzag"
@@ -221,3 +222,42 @@ def test_one_hour_at_100_hz_takes_a_second_each() -> None:
         began = time.process_time()
         method()
         assert time.process_time() - began < 1.0, name
+
+
+def test_a_running_estimate_of_a_coarse_compass_is_as_good_as_the_record_s_and_knows_how_good() -> None:
+    """Samples one by one, 2 degrees at 0.1 s, 0.2 s late, a constant moment: deviations cover the errors."""
+    loop = RelayLoop(
+        VIDEORAY, 0.083, radians(20.0), 0.0083, delay_s=0.2, sample_time_s=0.1, quantisation=radians(2.0), noise=0.005
+    )
+    t, eta, tau = loop.run(60.0, runs=12, seed=1)
+    off, known = [], []
+    for k in range(12):
+        running = RunningEstimate(0.8, delay_s=0.2)
+        with pytest.raises(IdentificationError, match="too few"):
+            running.result()
+        for at_s, position, force in zip(t.tolist(), eta[:, k].tolist(), tau[:, k].tolist(), strict=True):
+            running.force(at_s, force)
+            running.position(at_s, position)
+        found = running.result()
+        for name, true in (("alpha", VIDEORAY.alpha), ("beta_quadratic", VIDEORAY.beta_quadratic)):
+            off.append(found[name] / true - 1.0)
+            known.append(found.parameter(name).std / true)
+    assert np.max(np.abs(off)) < 0.03
+    assert np.quantile(np.abs(off), 0.8) < 2.0 * np.mean(known) < 0.1
+
+
+def test_a_running_estimate_takes_measurements_at_any_times_and_begins_anew_after_a_gap() -> None:
+    rng = np.random.default_rng(2)
+    t = np.cumsum(rng.uniform(0.02, 0.05, 3000))
+    t[1500:] += 30.0  # the sensor was silent, the vessel went on
+    tau = 0.08 * np.sign(np.sin(0.8 * t))
+    fine = np.arange(0.0, t[-1] + 0.01, 0.01)
+    acting = 0.08 * np.sign(np.sin(0.8 * fine))
+    nu = validation.simulate(VIDEORAY, fine, acting)
+    eta = np.interp(t, fine, np.concatenate([[0.0], np.cumsum(0.005 * (nu[1:] + nu[:-1]))]))
+    running = RunningEstimate(0.8)
+    for at_s, position, force in zip(t.tolist(), eta.tolist(), tau.tolist(), strict=True):
+        running.force(at_s, force)
+        running.position(at_s, position)
+    assert running.result()["alpha"] == pytest.approx(VIDEORAY.alpha, rel=0.05)
+    assert running.result()["beta_quadratic"] == pytest.approx(VIDEORAY.beta_quadratic, rel=0.05)
