@@ -158,7 +158,7 @@ def test_a_response_fit_finds_a_run_that_ends_early() -> None:
 def test_a_long_record_is_fitted_in_pieces_that_no_drift_spoils() -> None:
     """Ten minutes at 50 Hz, a walk of the heading added that one piece of ten minutes could not follow."""
     rng = np.random.default_rng(3)
-    t = np.arange(30_000) * 0.02
+    t = np.arange(30_000, dtype=float) * 0.02
     tau = np.where(np.arange(t.size) % 300 < 150, 0.5, -0.5)
     nu = simulate(YAW, t, tau, delta=0.05)
     eta = np.concatenate([[0.0], np.cumsum(0.01 * (nu[1:] + nu[:-1]))]) + np.cumsum(rng.normal(0.0, 5e-4, t.size))
