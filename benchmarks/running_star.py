@@ -59,7 +59,8 @@ class RunningStar:
     """`starboard up` with a configuration and a run directory of its own.
 
     `sections` are lines of TOML besides [system], [hub] and [ui]; `system` further lines of [system]; `secured`: with
-    TLS, passwords and access rules; `arguments` further ones of `starboard up`.
+    TLS, passwords and access rules; `router`: address of one that runs already, instead of hub and standby; `arguments`
+    further ones of `starboard up`.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class RunningStar:
         vessel: str = "pladypos",
         *,
         secured: bool = False,
+        router: str = "",
         arguments: tuple[str, ...] = (),
     ) -> None:
         self._arguments = arguments
@@ -77,11 +79,14 @@ class RunningStar:
         self.run_dir = self.folder / "run"
         self.recordings = self.folder / "recordings"
         self.hub, self.standby = (f"{'tls' if secured else 'tcp'}/127.0.0.1:{free_port()}" for _ in range(2))
+        own_hubs = f'[hub]\nlisten = ["{self.hub}"]\nstandby = "{self.standby}"\n'
+        if router:
+            self.hub = self.standby = router
         self.page_port = free_port()
         self.config = self.folder / "config.toml"
         self.config.write_text(
             f'[system]\nvessel = "{vessel}"\nrecordings = "{self.recordings}"\n{system}\n'
-            f'[hub]\nlisten = ["{self.hub}"]\nstandby = "{self.standby}"\n'
+            + (f'[hub]\nrouter = "{router}"\n' if router else own_hubs)
             + (f'security = "{self.folder}/keys"\n' if secured else "")
             + f"[ui]\nport = {self.page_port}\n{sections}\n"
         )

@@ -11,7 +11,7 @@ from bus import topics
 from bus.clock import NS
 from bus.config import Deployment, Section
 from bus.messages import HubStatistics, Traffic
-from bus.security import hub_settings, is_local
+from bus.security import client_settings, hub_settings, is_local
 from bus.service import Output, Service
 from bus.store import Store
 from bus.zenoh_bus import HubBus
@@ -31,6 +31,11 @@ class HubConfig(Section):
 
     listen: tuple[str, ...] = ("tcp/127.0.0.1:7447",)
     standby: str = Field("tcp/127.0.0.1:7448", description="where the standby hub listens; empty for none")
+    router: str = Field(
+        "",
+        description="address of a Zenoh router that is none of ours (zenohd): the hub, its client, only keeps values; "
+        "no standby",
+    )
     security: Path | None = Field(
         None, description="folder made by `starboard secure init`: only users with a password, and only what is theirs"
     )
@@ -38,8 +43,19 @@ class HubConfig(Section):
 
     @property
     def addresses(self) -> tuple[str, ...]:
-        """Where the hub listens, then the standby."""
+        """Where the hub listens, then the standby; or the router in the hub's place."""
+        if self.router:
+            return (self.router,)
         return (*self.listen, self.standby) if self.standby else self.listen
+
+    @model_validator(mode="before")
+    @classmethod
+    def _has_no_standby_beside_a_router(cls, values: Any) -> Any:
+        if not (isinstance(values, dict) and values.get("router")):
+            return values
+        if values.get("standby"):
+            raise ValueError("standby: with `router` there is none: a second zenohd can stand by")
+        return values | {"standby": ""}
 
     @model_validator(mode="after")
     def _is_guarded(self) -> Self:
@@ -69,6 +85,7 @@ class Hub(Service):
 
     def __init__(self, config: HubConfig, deployment: Deployment) -> None:
         self._listen, self._link = config.listen, tuple[str, ...]()
+        self._router = config.router
         self._alone = not config.standby
         self._prepare(deployment)
 
@@ -81,8 +98,15 @@ class Hub(Service):
         self._error = ""
 
     def open_bus(self, vessel: str) -> HubBus:
-        """Return the hub's own end of the bus; it listens from now on. Raises ConfigError for a taken address."""
+        """Return the hub's own end of the bus, which listens from now on; or wait for the router in its place.
+
+        Raises ConfigError for a taken address.
+        """
         self._load()
+        if self._router:
+            client = client_settings(self._security, StandbyHub.name) if self._security else None
+            self._bus = HubBus.beside(vessel, self._router, self._store, client, self._warp)
+            return self._bus
         secured = hub_settings(self._security, StandbyHub.name) if self._security else None
         self._bus = HubBus.listen(vessel, self._listen, self._store, self._link, secured, self._warp)
         return self._bus
@@ -167,7 +191,7 @@ class StandbyHub(Hub):
     name = "hub_standby"
 
     def __init__(self, deployment: Deployment) -> None:
-        self._listen = (deployment.hub_standby,)
+        self._listen, self._router = (deployment.hub_standby,), ""
         self._link = deployment.hub_endpoints[:-1]
         self._alone = False
         self._prepare(deployment)

@@ -318,9 +318,11 @@ class HubBus(ZenohBus):
     does not listen: it would be woken by each message. It asks the hub for what is new instead (`pull_store`).
     """
 
-    def __init__(self, session: zenoh.Session, vessel: str, store: Store, *, follows: bool) -> None:
+    def __init__(
+        self, session: zenoh.Session, vessel: str, store: Store, *, follows: bool, routes: bool = True
+    ) -> None:
         super().__init__(session, vessel)
-        self._follows = follows
+        self._follows, self._routes = follows, routes
         self.pulled = False
         """Whether the values of the hub linked now have been taken over."""
         self._store = store
@@ -350,6 +352,13 @@ class HubBus(ZenohBus):
         CLOCK.warp = warp or Warp()
         return cls(_open("router", endpoints, -1, link, secured), vessel, store, follows=bool(link))
 
+    @classmethod
+    def beside(cls, vessel: str, router: str, store: Store, secured: Secured | None, warp: Warp | None) -> HubBus:
+        """Return the store as a client of a router that is none of ours, waiting for it as long as it takes."""
+        session = ZenohBus.connect(vessel, (router,), secured=secured, clock=None).session
+        CLOCK.warp = warp or Warp()
+        return cls(session, vessel, store, follows=False, routes=False)
+
     def ask_time(self, answered: Callable[[], None] | None = None) -> None:
         """Follow the hub's clock as a standby; the hub's own is the star's."""
         if self._follows:
@@ -363,7 +372,7 @@ class HubBus(ZenohBus):
     @property
     def linked(self) -> bool:
         """Whether the other hub is connected."""
-        return any(t.whatami == zenoh.WhatAmI.ROUTER for t in self.session.info.transports())
+        return self._routes and any(t.whatami == zenoh.WhatAmI.ROUTER for t in self.session.info.transports())
 
     @property
     def idle(self) -> bool:
