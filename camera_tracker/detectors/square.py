@@ -25,6 +25,7 @@ from camera_tracker.detectors.base import (
     Region,
     doubtful,
     one_of_several,
+    upper_median,
     worst,
 )
 from camera_tracker.detectors.candidates import dark_quadrilaterals
@@ -251,11 +252,7 @@ class SquareDetector(Detector):
         """Read the marker inside an outline: its code, its turn, and which modules are not as they should be."""
         size = self._code.size
         levels = _sample(grey, outline.corners, size)
-        black_ring, white_ring = _rings(size)
-        black, white = (
-            float(np.partition(ring, ring.size // 2)[ring.size // 2])
-            for ring in (levels[black_ring], levels[white_ring])
-        )
+        black, white = (float(upper_median(levels[ring])) for ring in _rings(size))
         if white - black < 8.0:
             return None
         inner = levels.reshape(size + 4, -1)[2:-2, 2:-2]
