@@ -221,15 +221,17 @@ def measure() -> list[Result]:
     ]
 
 
+def ramp_and_step(t: float) -> float:
+    """Return the wanted distance of Fig. 8.16, in m: a ramp from 20 to 40 s, a step at 60 s."""
+    return 0.6 - 0.2 * min(max((t - 20.0) / 20.0, 0.0), 1.0) + (0.15 if t >= 60.0 else 0.0)
+
+
 def plot(path: Path) -> None:
     """Draw ramp and step of the reference (Fig. 8.16), and two absences of the laser (Fig. 8.17)."""
     from services.cli.svg import Chart, write
 
     yaw = identified_yaw()
     surge = identified_surge(yaw)
-
-    def ramp_and_step(t: float) -> float:
-        return 0.6 - 0.2 * min(max((t - 20.0) / 20.0, 0.0), 1.0) + (0.15 if t >= 60.0 else 0.0)
 
     moving = keep(Wall(1), surge, yaw, 100.0, ramp_and_step)
     absent = keep(Wall(2), surge, yaw, 60.0, lambda _: 0.5, lambda t: 25.0 <= t < 30.0 or 45.0 <= t < 50.0)

@@ -165,14 +165,20 @@ class Autopilot:
         kind = STRUCTURES[structure]
         made = design(kind, YAW, bessel(kind.order, HEADING_W0[structure]))
         self._loop = SingleLoop(made, TRACKING_TIME * natural_time_s(made))
+        self.turns_rad = math.pi
+        """Largest turn that it makes towards a reference: beyond half a turn it goes the other way round."""
         self._before: float | None = None
+        self._turned = 0.0
         self._missing = 0.0
 
     def moment(self, psi_ref: float, psi: float, r: float) -> float:
         if self._before is None:
             self._loop.follow(0.0, r)
-            self._before = psi
-        self._loop.advance(STEP_S, wrap_angle(psi_ref - psi), wrap_angle(psi - self._before), self._missing)
+            self._before = self._turned = psi
+        moved = wrap_angle(psi - self._before)
+        self._turned += moved
+        error = psi_ref - self._turned
+        self._loop.advance(STEP_S, error if abs(error) < self.turns_rad else wrap_angle(error), moved, self._missing)
         self._before, wanted = psi, self._loop.demand(r)
         N = max(-N_MAX, min(N_MAX, wanted))
         self._missing = N - wanted

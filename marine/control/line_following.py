@@ -190,7 +190,8 @@ class IndirectLine:
                 f"the approach angle must lie between 0 and 90 degrees, not {math.degrees(approach_rad):g}"
             )
         self.gains = IndirectGains.design(loop.simplified(), a, u_r_m_s)
-        self._limit = approach_rad
+        self.limit_rad = approach_rad
+        """Largest angle to the line that is demanded, (8.59)."""
         self._tracking_s = 0.5 * a[3] ** 0.25
         self.reset()
 
@@ -203,6 +204,6 @@ class IndirectLine:
         g = self.gains
         self._integral += -g.K_Id * d_m * dt_s + min(1.0, dt_s / self._tracking_s) * self._missing
         wanted = self._integral - g.K_psi * math.sin(phi_rad) - g.K_r * r_rad_s - g.K_d * d_m
-        limited = _clip(wanted, self._limit)
+        limited = _clip(wanted, self.limit_rad)
         self._missing = limited - wanted
         return limited

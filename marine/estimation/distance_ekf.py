@@ -38,6 +38,9 @@ class DistanceTuning:
     angle_deg2: float = 0.5
     heading_deg2: float = 10.0
     distance_cm2: float = 0.1
+    initial_force_n2: float = 0.0
+    force_n2: float = 0.0
+    """Of an eighth state that Table 8.2 does not have, a force along surge: P0, and the variance gained in 0.1 s."""
 
 
 STEADY = DistanceTuning((0.02, 0.02, 0.001, 0.001, 0.001, 0.001, 0.001), 1000.0, 1.0, 10.0, 0.25)
@@ -52,9 +55,11 @@ class DistanceEkf:
         """Begin with the printed P0 and nothing known: the first measurements decide."""
         self._surge, self._yaw = surge, yaw
         squared = np.square(_UNITS)
-        self.state: Array = np.zeros(7)
-        self.covariance: Array = np.diag(tuning.initial * squared)
-        self._process = np.diag(np.array(tuning.process) * squared) / PRINTED_STEP_S
+        force = [tuning.initial_force_n2] if tuning.initial_force_n2 else []
+        self.state: Array = np.zeros(7 + len(force))
+        self.covariance: Array = np.diag([*(tuning.initial * squared), *force])
+        walks = [*(np.array(tuning.process) * squared), *([tuning.force_n2] if force else [])]
+        self._process = np.diag(walks) / PRINTED_STEP_S
         noise = (tuning.angle_deg2 * _DEGREE**2, tuning.heading_deg2 * _DEGREE**2, tuning.distance_cm2 * _CM**2)
         self._noise = np.array(noise)
 
@@ -80,24 +85,27 @@ class DistanceEkf:
 
     def predict(self, dt_s: float, X: float, N: float) -> None:
         """Go forward by dt_s (some 0.1 s) with surge force X in N and yaw moment N in Nm; Table 8.2, (8.38)."""
-        u, r, phi, psi, d, v_phi, v_d = self.state.tolist()
+        u, r, phi, psi, d, v_phi, v_d, *force = self.state.tolist()
         cos, sin = math.cos(phi), math.sin(phi)
         surge, yaw = self._surge, self._yaw
-        A = np.eye(7)
+        A = np.eye(len(self.state))
         A[0, 0] -= dt_s * (surge.beta + 2.0 * surge.beta_quadratic * abs(u)) / surge.alpha
         A[1, 1] -= dt_s * (yaw.beta + 2.0 * yaw.beta_quadratic * abs(r)) / yaw.alpha
         A[2, 1] = A[2, 5] = A[3, 1] = A[3, 5] = A[4, 6] = dt_s
+        if force:
+            A[0, 7] = dt_s / surge.alpha
         A[4, 0] = -dt_s * cos
         A[4, 2] = dt_s * u * sin
         self.state = np.array(
             [
-                u + dt_s * (X - surge.drag(u)) / surge.alpha,
+                u + dt_s * (X + sum(force) - surge.drag(u)) / surge.alpha,
                 r + dt_s * (N - yaw.drag(r)) / yaw.alpha,
                 wrap_angle(phi + dt_s * (r + v_phi)),
                 wrap_angle(psi + dt_s * (r + v_phi)),
                 d + dt_s * (v_d - u * cos),
                 v_phi,
                 v_d,
+                *force,
             ]
         )
         self.covariance = A @ self.covariance @ A.T + dt_s * self._process

@@ -36,6 +36,13 @@ def test_every_figure_can_be_drawn(name: str) -> None:
 def test_all_figures_of_chapter_7_that_the_issue_names_are_there() -> None:
     missing = {f"7.{k}" for k in range(1, 32)} | {"6.3", "example-6.1"} | {f"example-7.{k}" for k in (1, 2, 3)}
     assert not missing - set(FIGURES)
+    assert {f"8.{k}" for k in (16, 17, 20, 21, 22, 23, 24, 25, 26, 27)} <= set(FIGURES)
+
+
+def test_the_limit_of_8_3_3_ends_the_spirals() -> None:
+    for without, limited in (("8.20", "8.21"), ("8.22", "8.23")):
+        assert "falls not all the way" in draw(without).caption
+        assert "0.1 turns in all; its distance falls all the way, and ends at 0.00 m" in draw(limited).caption
 
 
 def test_files_and_captions_are_written(tmp_path: Path) -> None:
