@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from benchmarks.campaigns.star import POLL_S, MemoryPilot, RenderedStar
+from benchmarks.campaigns.star import InstrumentStar, MemoryPilot, RenderedStar
 from bus import topics
 from bus.messages import ExperimentAxis, ExperimentPlan
 from logs.reader import Recording
@@ -22,7 +22,7 @@ from marine.identification.result import IdentificationError, Identified
 from marine.vessel import Vessel
 from services.campaign import CampaignFile, Place, Results, drive
 from services.cli.identify_data import Source, load
-from services.vessels import load_vessel
+from services.vessels import load_vessel, vessel_path
 
 STEP_AXES: tuple[ExperimentAxis, ...] = ("surge", "sway", "yaw")
 LEVELS = (0.10, 0.28, 0.46, 0.64, 0.82, 1.00)
@@ -44,12 +44,13 @@ class SelfOscillation(NamedTuple):
     vessel: str
     axis: ExperimentAxis
     amplitude: float
+    hysteresis_rad: float | None = None
 
 
 SELF_OSCILLATIONS = (
     SelfOscillation("pladypos", "surge", 0.7),
     SelfOscillation("pladypos", "yaw", 0.5),
-    SelfOscillation("videoray", "yaw", 0.5),
+    SelfOscillation("videoray", "yaw", 0.3, 0.7),  # larger swings: the compass looks ten times a second only
 )
 
 
@@ -119,7 +120,7 @@ def steps(axis: ExperimentAxis, amplitude: float, seed: int, folder: Path) -> li
         told: list[str] = []
         if drive(campaign, Results(Path(run_dir) / "results.jsonl"), MemoryPilot(star), told.append):
             raise RuntimeError("; ".join(line for line in told if "failed" in line))
-        return identified(star.finish(), vessel, seed)
+        return identified(star.finish(), vessel, seed, star.poll_s)
 
 
 def step_campaign(vessel: Vessel, axis: ExperimentAxis, amplitude: float) -> CampaignFile:
@@ -143,35 +144,52 @@ def self_oscillation(kind: SelfOscillation, seed: int, folder: Path) -> list[Run
     moment_nm = chance.choice((-1.0, 1.0)) * MOMENT * kind.amplitude * axis_limits(vessel)[5]
     moment_nm = moment_nm if kind.axis == "yaw" else 0.0
     with tempfile.TemporaryDirectory(dir=folder, prefix="run-") as run_dir:
-        star = RenderedStar(
+        by_compass = kind.vessel == "videoray"
+        star = (InstrumentStar if by_compass else RenderedStar)(
             Path(run_dir),
             seed=seed,
-            vessel=kind.vessel,
+            vessel=str(_without_camera(Path(run_dir))) if by_compass else kind.vessel,
             unknown={"bias": (0.0, 0.0, 0.0, 0.0, 0.0, moment_nm), "tether": None},
             simulator={"psi_rad": chance.uniform(-3.1, 3.1) if kind.axis == "yaw" else chance.uniform(-0.2, 0.2)},
         )
-        plan = ExperimentPlan(name="self-oscillation", axis=kind.axis, amplitude=kind.amplitude)
+        plan = ExperimentPlan(
+            name="self-oscillation", axis=kind.axis, amplitude=kind.amplitude, hysteresis_rad=kind.hysteresis_rad
+        )
         status, result = MemoryPilot(star).run(plan)
         if result is None:
             raise RuntimeError(status.reason)
-        (run,) = identified(star.finish(), vessel, seed)
+        (run,) = identified(star.finish(), vessel, seed, star.poll_s)
         return [run.model_copy(update={"duration_s": status.elapsed_s})]  # the first swings count, too
 
 
-def identified(log: Path, vessel: Vessel, seed: int) -> list[Run]:
-    """Return every experiment in a log, identified from the log alone."""
+def _without_camera(folder: Path) -> Path:
+    """Write VideoRay as in the thesis: heading from its compass alone, place from a receiver instead of the camera."""
+    text = vessel_path("videoray").read_text(encoding="utf-8")
+    seen = 'kind = "camera"'
+    if text.count(seen) != 1:
+        raise ValueError("the vessel file of VideoRay has changed: one sensor must be the camera")
+    path = folder / "videoray.toml"
+    path.write_text(text.replace(seen, 'kind = "position"\nnoise = 0.005'), encoding="utf-8")
+    return path
+
+
+def identified(log: Path, vessel: Vessel, seed: int, poll_s: float) -> list[Run]:
+    """Return every experiment in a log, identified from the log alone; poll_s: known delay besides the vessel's."""
     recording = Recording(log)
     plans: list[ExperimentPlan] = [entry.message.plan for entry in recording.messages(topics.EXPERIMENT_RESULT)]
-    return [_identified(recording, vessel, seed, plan, number) for number, plan in enumerate(plans, 1)]
+    runs = []
+    for number, plan in enumerate(plans, 1):
+        source = Source(None, number, None, None, None, poll_s + vessel.actuation_delay_s, "", False, "")
+        record, _ = load(log, source)
+        runs.append(_identified(recording, record, vessel, seed, plan))
+    return runs
 
 
-def _identified(recording: Recording, vessel: Vessel, seed: int, plan: ExperimentPlan, number: int) -> Run:
-    source = Source(None, number, None, None, None, POLL_S + vessel.command_delay_s, "", False, "")
-    record, _ = load(recording.path, source)
+def _identified(recording: Recording, record: Record, vessel: Vessel, seed: int, plan: ExperimentPlan) -> Run:
     methods = compare(record, plan.name)
     first = methods[0][1]
     if isinstance(first, IdentificationError):
-        raise RuntimeError(f"{recording.path.name}, experiment {number}: {first}")
+        raise RuntimeError(f"{plan.name} in {plan.axis}: {first}")
     shown = slice(None, None, max(1, len(record.t_s) // _SHOWN))
     step = plan.name == "step"
     return Run(

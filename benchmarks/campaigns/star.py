@@ -13,6 +13,7 @@ from camera_tracker.service import CameraTracker
 from logs.recorder import Recorder
 from services.campaign import CampaignFile, Place, at_rest
 from services.experiment import Experiments
+from services.simulator.service import Simulator
 from services.simulator.stand_in import PoseStandIn
 from services.vessels import vessel_path
 from tests.star import SERVICES, Star
@@ -30,9 +31,19 @@ class WokenTracker(CameraTracker):
     frame = Input(topics.SIMULATION_TRUTH, wakes=True)
 
 
-class RenderedStar(Star):
-    """A star whose poses come from pictures, and whose every message is in a log."""
+class WokenSimulator(Simulator):
+    """The simulator, woken by each command as by its port on a real machine."""
 
+    command = Input(topics.ACTUATOR_COMMAND, wakes=True)
+
+
+class RenderedStar(Star):
+    """A star whose poses come from pictures, and whose every message is in a log.
+
+    Pictures are taken at the simulator's steps, and so every command comes between two of them, POLL_S late.
+    """
+
+    poll_s = POLL_S
     kinds: ClassVar[tuple[type[Service], ...]] = (
         Recorder,
         *(WokenTracker if kind is PoseStandIn else kind for kind in SERVICES),
@@ -47,7 +58,7 @@ class RenderedStar(Star):
             simulator={"seed": seed, **simulator},
             sensors={"seed": seed},
             camera_tracker={"source": f"sim://{folder / 'camera'}", "image_rate_hz": PICTURE_RATE_HZ},
-            experiment={"delay_s": POLL_S, "save": False},
+            experiment={"delay_s": self.poll_s, "save": False},
             **more,
         )
         self.bus.run_until(self._tracked, 10.0)
@@ -64,6 +75,16 @@ class RenderedStar(Star):
         self.bus.stop("recorder")
         self.bus.stop("simulator")
         return Path(status.file)
+
+
+class InstrumentStar(RenderedStar):
+    """A star with instruments instead of a camera: they sample when they will, and a command counts at once."""
+
+    poll_s = 0.0
+    kinds: ClassVar[tuple[type[Service], ...]] = (
+        *(kind for kind in RenderedStar.kinds if kind is not Simulator),
+        WokenSimulator,  # after the link, which must have written by then
+    )
 
 
 class MemoryPilot:

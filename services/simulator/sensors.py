@@ -26,8 +26,9 @@ from marine.frames import to_body, wrap_angle
 from marine.vessel import Sensor, SensorKind, Vessel
 from services.simulator.faults import CameraFaults
 
-_EARLY_NS = NS // 1000
-"""A truth that comes so little before a sample is due is that sample: their clocks are one."""
+_EARLY_NS = NS // 100
+"""A truth that comes so little before a sample is due is that sample: the simulator, which a command wakes, looks up to
+half a step (8.3 ms) early."""
 
 
 class SampledSensor:
