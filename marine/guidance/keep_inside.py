@@ -45,12 +45,12 @@ class PoolGuard:
         abilities = Abilities(vessel)
         self._astern_n = X if abilities.astern_m_s > 0.0 else 0.0
         model = vessel.model
-        forces, dofs = ([(X, Y)], (model.surge, model.sway)) if Y else ([], (model.surge,))
-        weakest = 1.0 / math.hypot(1.0 / X, 1.0 / Y) if forces else self._astern_n
+        dofs = (model.surge, model.sway) if Y else (model.surge,)
+        weakest = 1.0 / math.hypot(1.0 / X, 1.0 / Y) if Y else self._astern_n
         self._surge, self._sway = model.surge, model.sway
         slowest = 0.0 if weakest else COASTING * abilities.ahead_m_s
         v = np.linspace(slowest, 3.0 * max(abilities.ahead_m_s, 1e-3), 2000)
-        aslant = math.sqrt(0.5) if forces else 1.0  # (v / sqrt 2)^2 on two axes: quadratic drag at 45 degrees
+        aslant = math.sqrt(0.5) if Y else 1.0  # (v / sqrt 2)^2 on two axes: quadratic drag at 45 degrees
         drag = np.min([dof.beta * v + aslant * dof.beta_quadratic * v * v for dof in dofs], axis=0)
         force = BRAKE_SHARE * weakest + drag
         slowing = np.minimum(force / max(dof.alpha for dof in dofs), RATE_1_S * v) if weakest else force / dofs[0].alpha
