@@ -41,7 +41,14 @@ class PoolGuard:
 
     def __init__(self, vessel: Vessel) -> None:
         X, Y, _, _, _, N = axis_limits(vessel)
-        self._vessel, self._limits = vessel, (X, Y, N)
+        self._limits = (X, Y, N)
+        self._margin_m = vessel.radius_m + GAP_M
+        pool = vessel.pool
+        self._walls = [
+            (axis, side, size, f"{name} = {max(0.0, side) * size:g} m")
+            for axis, name, size in ((0, "x", pool.length_x_m), (1, "y", pool.length_y_m))
+            for side in (-1.0, 1.0)
+        ]
         abilities = Abilities(vessel)
         self._astern_n = X if abilities.astern_m_s > 0.0 else 0.0
         model = vessel.model
@@ -80,24 +87,24 @@ class PoolGuard:
 
         push: estimated disturbance in {E}; std_m: of the estimated place.
         """
-        velocity = to_tank(nu[0], nu[1], eta[2])
+        c, s = math.cos(eta[2]), math.sin(eta[2])
+        velocity = (c * nu[0] - s * nu[1], s * nu[0] + c * nu[1])
         caps: list[tuple[float, float, float, str]] = []  # normal in {E}, largest force along it, name
-        for axis, size in ((0, self._vessel.pool.length_x_m), (1, self._vessel.pool.length_y_m)):
-            for side in (-1.0, 1.0):
-                distance = size - eta[axis] if side > 0.0 else eta[axis]
-                speed = side * velocity[axis]
-                room = distance - self._vessel.radius_m - GAP_M - 2.0 * std_m[axis] - REACTION_S * max(0.0, speed)
-                normal = (side, 0.0) if axis == 0 else (0.0, side)
-                safe, slope = self.safe(room)
-                rate = CATCH_1_S * (safe - speed) - slope * speed
-                most = self._most(normal, eta[2], nu, rate, side * push[axis])
-                caps.append((*normal, most, f"{'xy'[axis]} = {size if side > 0.0 else 0.0:g} m"))
+        for axis, side, size, name in self._walls:
+            distance = size - eta[axis] if side > 0.0 else eta[axis]
+            speed = side * velocity[axis]
+            room = distance - self._margin_m - 2.0 * std_m[axis] - REACTION_S * max(0.0, speed)
+            safe, slope = self.safe(room)
+            rate = CATCH_1_S * (safe - speed) - slope * speed
+            normal_in_body = (side * s, side * c) if axis else (side * c, -side * s)
+            most = self._most(normal_in_body, nu, rate, side * push[axis])
+            caps.append((0.0, side, most, name) if axis else (side, 0.0, most, name))
         kept, walls = (self._to_all_sides if self._limits[1] else self._ahead_and_astern)(tau, eta[2], caps)
         return kept, f"before the wall at {' and '.join(walls)}" if walls else ""
 
-    def _most(self, normal: tuple[float, float], psi: float, nu: Vector3, rate: float, push_n: float) -> float:
+    def _most(self, normal_in_body: tuple[float, float], nu: Vector3, rate: float, push_n: float) -> float:
         """Return the force that gives an acceleration towards a wall, N."""
-        ahead, aside = to_body(*normal, psi)
+        ahead, aside = normal_in_body
         u, v, r = nu
         alpha = self._surge.alpha * ahead * ahead + self._sway.alpha * aside * aside
         drag = self._surge.drag(u) * ahead + self._sway.drag(v) * aside
