@@ -42,8 +42,12 @@ def mode(  # noqa: PLR0917 - typer makes options of them
     point: Annotated[list[str] | None, typer.Option(help="Way-point x,y in m of a path; once for each.")] = None,
     smooth: Annotated[bool, typer.Option("--smooth", help="A spline through the way-points.")] = False,
     lease_s: Annotated[
-        float, typer.Option(help="How long a restarted helm may take the mode up again by itself.")
-    ] = 600.0,
+        float | None,
+        typer.Option(
+            help="How long a restarted helm may take the mode up again, and a line, path or speed goes on. "
+            "Default: 600, of these an hour."
+        ),
+    ] = None,
     take: Annotated[bool, typer.Option("--take", help="Take over from a page that has the helm.")] = False,
     hub: Annotated[str | None, typer.Option(help="Address of the hub; without it the running system's.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the helm's answer as JSON.")] = False,
@@ -71,7 +75,7 @@ def mode(  # noqa: PLR0917 - typer makes options of them
                 "speed_m_s": speed_m_s,
                 "points": [{"x_m": x, "y_m": y} for x, y in places],
                 "smooth": smooth,
-                "lease_s": lease_s,
+                "lease_s": lease_s or (3600.0 if name in ("line", "path", "speed") else 600.0),
                 "attended": False,
                 "take": take,
             }

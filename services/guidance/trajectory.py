@@ -77,6 +77,8 @@ class Following(Guidance):
     def _path_of(self, order: HelmState, seen: Seen) -> Trajectory:
         """Return the path of this request: made when it is new, taken up where a former controller was."""
         if self._path is None or order.request_id != self._request:
+            if self._path is not None and self._on_path:  # the reference goes on from where it is
+                self._filter.start(self._reference, (*self._path.motion[1], self._filter.rate[2]))
             course = course_of([(p.x_m, p.y_m) for p in order.points], order.smooth)
             radius = self.tools.vessel.radius_m
             speed = self.tools.motion.speed_m_s if order.speed_m_s is None else order.speed_m_s

@@ -96,6 +96,22 @@ def test_a_line_with_a_heading_of_its_own_and_a_helm_and_a_controller_that_die()
     assert math.dist((star.truth[-1].x_m, star.truth[-1].y_m), (4.2, 3.0)) < 0.06
 
 
+def test_another_path_on_the_way_goes_on_from_where_the_reference_is() -> None:
+    star = build_star(simulator=CURRENT)
+    follow(star, [(1.0, 1.0), (4.0, 1.0)], speed_m_s=0.2)
+    star.bus.run_until(lambda: (status(star).along_m or 0.0) > 0.5, 60.0)
+    told: list[Any] = []
+    star.bus.tap(topics.CONTROL_STATUS, told.append)
+    star.bus.run_for(1.0)
+    follow(star, [(3.0, 3.0), (1.0, 3.0)], speed_m_s=0.2)
+    star.bus.run_for(6.0)
+    places = [(s.reference_x_m, s.reference_y_m) for s in told]
+    jumps = [math.dist(a, b) for a, b in pairwise(places)]
+    assert max(jumps) < 0.2 * 0.31, "0.2 s at the largest speed"
+    star.bus.run_until(lambda: arrived(star), 90.0)
+    assert math.dist((star.truth[-1].x_m, star.truth[-1].y_m), (1.0, 3.0)) < 0.06
+
+
 def test_the_reference_waits_for_a_vessel_that_is_carried_off() -> None:
     star = build_star(simulator=CURRENT)
     follow(star, [(1.0, 1.0), (4.0, 1.0)], speed_m_s=0.15)
