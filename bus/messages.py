@@ -314,7 +314,7 @@ class ControlStatus(Message):
     reference_y_m: float | None = None
     reference_psi_rad: float | None = None
     leg: Count | None = Field(None, description="of a path: that of way-points leg and leg + 1, from 0")
-    along_m: float | None = Field(None, description="way along the path so far; negative: on the way to its beginning")
+    along_m: float | None = Field(None, description="way along the path so far; 0: on the way to its beginning")
     length_m: float | None = Field(None, description="of the path")
     cross_track_m: float | None = Field(None, description="distance from the path, positive to starboard of it")
     arrived: bool = Field(False, description="the vessel is at the path's end")
