@@ -152,10 +152,11 @@ def test_direct_never_spirals_from_200_random_starts() -> None:
         never_spirals(Direct(SLOW), tuple(start))
 
 
+@pytest.mark.parametrize("starts", [60, pytest.param(200, marks=pytest.mark.soak)])
 @pytest.mark.parametrize("structure", ["P-D", "I-PD"])
-def test_indirect_never_spirals_from_random_starts(structure: str) -> None:
+def test_indirect_never_spirals_from_random_starts(structure: str, starts: int) -> None:
     loop = identified_loop(structure)
-    for start in STARTS[:60]:
+    for start in STARTS[:starts]:
         never_spirals(Indirect(structure, loop, SLOW), tuple(start))
 
 
