@@ -46,7 +46,7 @@ class DistanceTuning:
 STEADY = DistanceTuning(
     (3.5e-3, 0.02, 1e-3, 1e-3, 5e-5, 1e-3, 3e-3), 1000.0, 1.0, 10.0, 0.25, initial_force_n2=0.04, force_n2=3e-7
 )
-"""For slow disturbances, currents and forces (a tether), and a laser of 5 mm: predicts some seconds without measurements
+"""For slow disturbances, currents and forces (a tether), and a laser of 5 mm: predicts seconds without measurements
 better than the printed values, which believe each measurement almost alone. Chosen, by trial."""
 
 
