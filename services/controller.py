@@ -177,11 +177,11 @@ class Controller(Service):
             self.gains.publish(news)
 
     def _exchange(self, positioning: ControlLaw, vessel: Vessel) -> None:
-        """Take over from what acts by another law, and approach references as the vessel's model allows it."""
+        """Take over from what acts by another law; all modes are designed anew for the vessel's models."""
         tools, shaping = self.tools, self._config.reference_filter
         tools.positioning, tools.vessel, tools.motion = positioning, vessel, shaping.motion(vessel, tools.limits)
         tools.filter = ReferenceFilter(tools.motion) if shaping.enabled else None
-        self._running = None
+        self._guidance, self._running = guidance_for(tools)[0], None
 
     def _control(self, helm: HelmState, state: NavigationState, now_s: float) -> None:
         guidance = self._guidance.get(helm.law)

@@ -21,6 +21,7 @@ from bus.messages import (
     Tuning,
     TuningAnswer,
     TuningRequest,
+    WayPoint,
     Wrench,
 )
 from marine.frames import wrap_angle
@@ -116,6 +117,23 @@ def test_who_does_not_have_the_helm_and_who_is_late_is_refused() -> None:
     star.request("hold", attended=True, lease_s=60.0)
     assert "test has the helm" in ask(star, FAST, client="other").reason
     assert ask(star, FAST).accepted
+
+
+def test_a_path_goes_on_where_it_was() -> None:
+    star = build_star(simulator=CURRENT)
+    star.hold(1.5, 1.5, 0.0)
+    star.bus.run_for(10.0)
+    corners = tuple(WayPoint(x_m=x_m, y_m=y_m) for x_m, y_m in ((1.5, 1.5), (3.5, 1.5), (3.5, 2.5)))
+    answer = star.request("path", points=corners, speed_m_s=0.12)
+    assert answer.accepted, answer.reason
+    star.bus.run_for(12.0)
+    begin, since_s = star.truth[-1].x_m, star.bus.now_s
+    assert begin > 2.0
+    assert ask(star, Tuning(law="ipd", models={"surge": AxisModel(alpha=30.0, beta_quadratic=19.0)})).accepted
+    star.bus.run_for(30.0)
+    after = [t for t in star.truth if t.stamp_ns * 1e-9 > since_s]
+    assert min(t.x_m for t in after) > begin - 0.05
+    assert math.hypot(after[-1].x_m - 3.5, after[-1].y_m - 2.5) < 0.1
 
 
 def test_back_to_the_file_and_to_what_was_before() -> None:
