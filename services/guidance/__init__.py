@@ -5,11 +5,11 @@ from __future__ import annotations
 from services.guidance.base import Guidance, GuidanceConfig, Seen, Tools
 from services.guidance.depth import DepthKeeping
 from services.guidance.pose import PoseKeeping
-from services.guidance.speed import SpeedKeeping, StickOnly
+from services.guidance.speed import HeadingKeeping, SpeedKeeping, StickOnly
 from services.guidance.steering import Steering
 from services.guidance.trajectory import Following
 
-GUIDANCE: tuple[type[Guidance], ...] = (PoseKeeping, Following, Steering, SpeedKeeping, StickOnly)
+GUIDANCE: tuple[type[Guidance], ...] = (PoseKeeping, HeadingKeeping, Following, Steering, SpeedKeeping, StickOnly)
 """All there is; for one law the first that the vessel has the axes for."""
 
 __all__ = ["GUIDANCE", "DepthKeeping", "Guidance", "GuidanceConfig", "Seen", "Tools", "guidance_for"]

@@ -1,4 +1,4 @@
-"""Modes speed, and depth: a speed ahead with the heading held; nothing but what the stick does not have."""
+"""Modes speed and depth, and heading where there is no positioning law: loops of single axes."""
 
 from __future__ import annotations
 
@@ -42,6 +42,32 @@ class SpeedKeeping(Guidance):
     def told(self) -> dict[str, Any]:
         """Return the errors of speed and heading."""
         return {"law": self.law, "error_speed_m_s": self._surge.error, "error_psi_rad": self._heading.error}
+
+
+class HeadingKeeping(Guidance):
+    """Mode heading of a vessel for which there is no positioning law: I-PD of the heading."""
+
+    law = "positioning"
+    needs = ("N",)
+
+    def __init__(self, tools: Tools) -> None:
+        """Raise ValueError when the loop cannot be designed."""
+        super().__init__(tools)
+        self._heading = heading_loop(tools)
+
+    def engage(self, order: HelmState, seen: Seen) -> None:
+        """Start the loop from what the actuators give."""
+        self._heading.follow(seen.given[2], seen.eta[2], seen.nu[2])
+
+    def step(self, order: HelmState, seen: Seen) -> Vector3:
+        """Run the loop once."""
+        psi = seen.eta[2]
+        wanted = psi if order.psi_rad is None else order.psi_rad
+        return 0.0, 0.0, self._heading.step(seen.dt_s, wanted, psi, seen.nu[2], seen.missing[2])
+
+    def told(self) -> dict[str, Any]:
+        """Return the error of the heading."""
+        return {"law": "heading", "error_psi_rad": self._heading.error}
 
 
 class StickOnly(Guidance):

@@ -13,7 +13,10 @@ from bus import topics
 from bus.messages import ControlStatus, HelmState
 from marine.frames import wrap_angle
 from marine.guidance.abilities import course_of
-from services.vessels import VESSELS_DIR
+from services.controller import Controller, ControllerConfig
+from services.guidance import guidance_for
+from services.helm_modes import MODES, Checks
+from services.vessels import VESSELS_DIR, known_vessels, load_vessel
 from tests.star import Star, build_star
 
 CURRENT = {"current_x_m_s": 0.04, "current_y_m_s": 0.03, "current_std_m_s": 0.005}
@@ -146,6 +149,25 @@ def test_a_vessel_that_cannot_hold_stops_without_an_operator() -> None:
     assert helm(star).mode == "line"
     star.bus.run_for(2.0)
     assert (helm(star).mode, helm(star).reason) == ("stop", "the operator's page is gone")
+
+
+@pytest.mark.parametrize("name", known_vessels())
+def test_what_the_helm_grants_a_vessel_the_controller_can_do(name: str) -> None:
+    vessel = load_vessel(name)
+    checks, tools = Checks(vessel), Controller(ControllerConfig(), vessel).tools
+    guidance, _ = guidance_for(tools)
+    granted = [mode for mode, rule in MODES.items() if not checks.abilities.lacking(rule.needs)]
+    assert {MODES[mode].law for mode in granted} - {""} <= set(guidance)
+    assert {"speed", "line", "path", "heading"} <= set(granted)
+
+
+def test_a_boat_without_a_positioning_law_keeps_its_heading() -> None:
+    star = Star(vessel="telemetron", simulator={"current_x_m_s": 0.0, "current_std_m_s": 0.0})
+    star.bus.run_for(4.0)
+    assert star.request("heading", psi_rad=1.0).accepted
+    star.bus.run_for(25.0)
+    assert helm(star).mode == "heading"
+    assert abs(wrap_angle(star.truth[-1].psi_rad - 1.0)) < 0.1  # its link tells the rudder in steps of 1 %
 
 
 def test_a_speed_with_the_heading_held() -> None:
