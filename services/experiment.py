@@ -6,6 +6,7 @@ forces, not of the estimator's state, whose filter knows a model already.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
@@ -54,7 +55,7 @@ class ExperimentConfig(Section):
     delay_s: float | None = Field(
         None,
         ge=0,
-        description="known delay from command to thrust besides the vessel file's; none: half the link's round trip",
+        description="known delay to the thrust besides the vessel file's; none: half the link's shortest round trip",
     )
     instruments: bool | None = Field(
         None, description="record compass, position and depth, not the camera; none: where there is no camera"
@@ -95,12 +96,16 @@ class Experiments(Service):
         self._status = ExperimentStatus(state="idle")
         self._told_s = 0.0
         self._estimated_s = 0.0
+        self._round_trip_s = math.inf
+        """The shortest seen: what is longer has waited somewhere."""
         self._yaw: Watch | None = None
 
     def step(self, now_s: float) -> None:
         """Begin, push, end."""
         helm = self.helm.fresh(now_s)
         state = self.navigation.fresh(now_s)
+        if self.link.latest is not None and self.link.latest.round_trip_s is not None:
+            self._round_trip_s = min(self._round_trip_s, self.link.latest.round_trip_s)
         if self._run is not None and self._status.state == "identifying":
             self._identify(self._run)
         elif self._run is not None:
@@ -183,8 +188,7 @@ class Experiments(Service):
         """Known delay from delivered force to motion."""
         known = self._config.delay_s
         if known is None:
-            status = self.link.latest
-            known = 0.5 * (status.round_trip_s or 0.0) if status else 0.0
+            known = 0.5 * self._round_trip_s if math.isfinite(self._round_trip_s) else 0.0
         return known + self._vessel.actuation_delay_s
 
     def _push(self, run: Run, state: NavigationState, now_s: float, guard: str = "") -> None:

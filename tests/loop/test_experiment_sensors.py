@@ -18,8 +18,8 @@ from services.vessels import load_vessel
 from tests.star import Star
 
 CALM = {"current_x_m_s": 0.0, "current_std_m_s": 0.0}
-POLL_S = 0.05
-"""loop:// wakes nobody: a simulator with a camera of 10 Hz sees a command half a step later on average."""
+NO_RADIO_S = 0.0
+"""loop:// hands a command to the simulator at once: only the vessel file's delays are left."""
 
 
 def star_of(vessel: str, folder: Path, seed: int = 1, **config: Any) -> Star:
@@ -53,7 +53,7 @@ def off(parameters: Any, dof: DegreeOfFreedom) -> tuple[float, float]:
 
 
 def test_yaw_of_videoray_by_its_compass_of_two_degrees_and_live_estimates(tmp_path: Path) -> None:
-    star = star_of("videoray", tmp_path, instruments=True, delay_s=POLL_S)
+    star = star_of("videoray", tmp_path, instruments=True, delay_s=NO_RADIO_S)
     estimates = star.record(topics.EXPERIMENT_ESTIMATE)
     status, result = run(
         star, name="self-oscillation", axis="yaw", amplitude=0.4, hysteresis_rad=math.radians(20.0), duration_s=120.0
@@ -77,7 +77,7 @@ def test_yaw_of_videoray_by_its_compass_of_two_degrees_and_live_estimates(tmp_pa
 
 @pytest.mark.parametrize("name", ["self-oscillation", "step"])
 def test_heave_of_videoray_by_its_depth_sensor(tmp_path: Path, name: str) -> None:
-    star = star_of("videoray", tmp_path, delay_s=POLL_S)
+    star = star_of("videoray", tmp_path, delay_s=NO_RADIO_S)
     answer = star.request("depth", z_m=4.0)
     assert answer.accepted, answer.reason
     star.bus.run_until(lambda: abs(star.truth[-1].z_m or 0.0) > 3.9, 120.0)
