@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+from typing import Any
 
 import pytest
 
@@ -22,9 +23,9 @@ SETTLED_S = 15.0
 WATCH_S = 12.0
 
 
-def holding(**sections: dict[str, object]) -> Star:
+def holding(simulator: dict[str, Any] = CURRENT, **sections: dict[str, Any]) -> Star:
     """Return a star that holds, settled, in a constant current unless told otherwise."""
-    star = build_star(**{"simulator": dict(CURRENT), **sections})
+    star = build_star(simulator=simulator, **sections)
     star.hold(*PLACE)
     star.bus.run_for(SETTLED_S)
     return star
@@ -123,7 +124,7 @@ def test_an_operators_word_ends_a_detection() -> None:
     assert error(star) < 1e-3
 
 
-@pytest.mark.parametrize("minutes", [2, pytest.param(60, marks=pytest.mark.soak)])
+@pytest.mark.parametrize("minutes", [2, pytest.param(60, marks=[pytest.mark.soak, pytest.mark.timeout(900)])])
 def test_no_false_alarm_while_holding_stepping_and_driving_by_hand(minutes: int) -> None:
     star = holding(simulator=VARYING)
     found: list[ActuatorFault] = []
