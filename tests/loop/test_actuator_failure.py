@@ -23,7 +23,7 @@ SETTLED_S = 15.0
 WATCH_S = 12.0
 
 
-def holding(simulator: dict[str, Any] = CURRENT, **sections: dict[str, Any]) -> Star:
+def holding(simulator: dict[str, Any] = CURRENT, **sections: Any) -> Star:
     """Return a star that holds, settled, in a constant current unless told otherwise."""
     star = build_star(simulator=simulator, **sections)
     star.hold(*PLACE)
