@@ -110,10 +110,10 @@ def jobs(seeds: int) -> list[Job]:
     ]
 
 
-def steps(axis: ExperimentAxis, amplitude: float, seed: int, folder: Path) -> list[Run]:
+def steps(axis: ExperimentAxis, amplitude: float, seed: int, folder: Path, *, pairs: int = STEP_RUNS // 2) -> list[Run]:
     """Step responses of PlaDyPos at one force: there and back, from rest, the other axes held by the controller."""
     vessel = load_vessel("pladypos")
-    campaign = step_campaign(vessel, axis, amplitude)
+    campaign = step_campaign(vessel, axis, amplitude, pairs)
     with tempfile.TemporaryDirectory(dir=folder, prefix="run-") as run_dir:
         start = {"x_m": campaign.start.x_m, "y_m": campaign.start.y_m, "psi_rad": campaign.start.psi_rad}
         star = RenderedStar(Path(run_dir), seed=seed, simulator=start)
@@ -123,7 +123,7 @@ def steps(axis: ExperimentAxis, amplitude: float, seed: int, folder: Path) -> li
         return identified(star.finish(), vessel, seed, star.poll_s)
 
 
-def step_campaign(vessel: Vessel, axis: ExperimentAxis, amplitude: float) -> CampaignFile:
+def step_campaign(vessel: Vessel, axis: ExperimentAxis, amplitude: float, pairs: int) -> CampaignFile:
     """Return the campaign of one axis and force: along the pool's length, for sway with the side ahead."""
     pool, psi_deg = vessel.pool, -90.0 if axis == "sway" else 0.0
     y_m = 0.5 * pool.length_y_m
@@ -133,7 +133,7 @@ def step_campaign(vessel: Vessel, axis: ExperimentAxis, amplitude: float) -> Cam
     else:
         back = Place(x_m=pool.length_x_m - _BEFORE_WALL_M, y_m=y_m, psi_deg=psi_deg)
     return CampaignFile(
-        name="step", axis=axis, amplitudes=(amplitude,), repeats=STEP_RUNS // 2, start=there, start_back=back,
+        name="step", axis=axis, amplitudes=(amplitude,), repeats=pairs, start=there, start_back=back,
         calm_m_s=0.003, calm_s=2.0,
     )  # fmt: skip
 
