@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 CODE   := bus marine services camera_tracker platform_link ui logs benchmarks tests starboard.py
 
-.PHONY: help setup up test check bench figures docs soak format lock chromium clean
+.PHONY: help setup up test check bench figures campaigns docs soak format lock chromium clean
 
 help:  ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -48,6 +48,9 @@ bench: setup  ## every benchmark, as JSON lines
 
 figures: setup  ## draw the figures of the thesis again, and those of the real ship, into figures/
 	$(BIN)/starboard figures --out figures
+
+campaigns: setup  ## identification through the whole system: 10 minutes and more, report in campaigns/
+	$(BIN)/python -m benchmarks.campaigns --out campaigns
 
 docs: setup  ## draw the generated parts of docs/ again
 	$(BIN)/python -m services.generate
