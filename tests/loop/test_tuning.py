@@ -199,8 +199,7 @@ def unknown_vessel(folder: Path) -> Star:
     deployment = Deployment(
         run_dir=Path("/nonexistent"), recordings_dir=folder, vessel_path=VESSELS_DIR / "pladypos.toml"
     )
-    unsure = {"fault_detection": False}  # to a detector with such a model, thrusters look failed
-    star = Star(simulator=CURRENT, estimator=unsure, unknown={"model": model, "dynamics": model})
+    star = Star(simulator=CURRENT, unknown={"model": model, "dynamics": model})
     star.bus.add(Experiments(ExperimentConfig(delay_s=1.0 / 60.0), star.vessel, deployment))
     star.bus.run_until(
         lambda: (s := star.bus.last(topics.NAVIGATION_STATE)) is not None and s.status == "tracking", 5.0
@@ -272,6 +271,9 @@ def test_an_unknown_vessel_is_tuned_and_holds_within_the_goals(
     assert settled_s <= 15.0
     assert overshoot_rad < 0.01 * math.pi / 2.0  # the estimator has the model, too: without it 2 %
     assert distance_m <= 1.5e-3 or "surge" not in axes
+    health = star.bus.last(topics.ACTUATOR_HEALTH)
+    assert health is not None
+    assert health.failed == {}  # with the file's model a thruster may have looked failed
     saved = load_vessel(str(next((tmp_path / "identified").glob("pladypos-engaged-*.toml"))))
     assert saved.model.yaw.alpha == pytest.approx(models["yaw"].alpha, rel=1e-6)
     assert saved.model.surge.alpha == pytest.approx(models.get("surge", PLADYPOS.model.surge).alpha, rel=1e-6)
