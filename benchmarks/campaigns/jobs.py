@@ -45,12 +45,13 @@ class SelfOscillation(NamedTuple):
     axis: ExperimentAxis
     amplitude: float
     hysteresis_rad: float | None = None
+    oscillations: int = 5
 
 
 SELF_OSCILLATIONS = (
     SelfOscillation("pladypos", "surge", 0.7),
     SelfOscillation("pladypos", "yaw", 0.5),
-    SelfOscillation("videoray", "yaw", 0.3, 0.7),  # larger swings: the compass looks ten times a second only
+    SelfOscillation("videoray", "yaw", 0.3, 0.7, 4),  # large swings: the compass looks ten times a second only
 )
 
 
@@ -153,7 +154,11 @@ def self_oscillation(kind: SelfOscillation, seed: int, folder: Path) -> list[Run
             simulator={"psi_rad": chance.uniform(-3.1, 3.1) if kind.axis == "yaw" else chance.uniform(-0.2, 0.2)},
         )
         plan = ExperimentPlan(
-            name="self-oscillation", axis=kind.axis, amplitude=kind.amplitude, hysteresis_rad=kind.hysteresis_rad
+            name="self-oscillation",
+            axis=kind.axis,
+            amplitude=kind.amplitude,
+            hysteresis_rad=kind.hysteresis_rad,
+            oscillations=kind.oscillations,
         )
         status, result = MemoryPilot(star).run(plan)
         if result is None:
