@@ -38,7 +38,7 @@ class FaultTuning:
     """
 
     position_m: float = 0.0015
-    heading_rad: float = 0.003
+    heading_rad: float = 0.0025
     velocity_walk_m_s: float = 0.002
     yaw_rate_walk_rad_s: float = 0.003
     force_walk_n: float = 0.02
@@ -51,7 +51,7 @@ class FaultTuning:
     windows: int = 5
     threshold: float = 12.0
     """Least logarithm of the likelihood ratio against nothing failed."""
-    margin: float = 4.0
+    margin: float = 2.5
     """Least logarithm of the likelihood ratio against the next actuator."""
     confirm: int = 3
     """So many steps in a row must say the same."""
