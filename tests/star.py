@@ -124,7 +124,7 @@ class Star:
         return math.sqrt(distance2 / len(poses)), math.sqrt(angle2 / len(poses))
 
 
-def build_star(*, json: bool = False, vessel: str = "pladypos", **sections: dict[str, Any]) -> Star:
+def build_star(*, json: bool = False, vessel: str = "pladypos", **sections: Any) -> Star:
     """Return a star that has run until its pose is tracked."""
     star = Star(json=json, vessel=vessel, **sections)
 
