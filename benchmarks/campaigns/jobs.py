@@ -51,7 +51,7 @@ class SelfOscillation(NamedTuple):
 SELF_OSCILLATIONS = (
     SelfOscillation("pladypos", "surge", 0.7),
     SelfOscillation("pladypos", "yaw", 0.5),
-    SelfOscillation("videoray", "yaw", 0.3, 0.7, 4),  # large swings: the compass looks ten times a second only
+    SelfOscillation("videoray", "yaw", 0.3, 0.7, 3),  # large swings: the compass looks ten times a second only
 )
 
 

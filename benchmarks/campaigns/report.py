@@ -17,8 +17,8 @@ from services.cli.svg import Chart, write
 from services.vessels import load_vessel
 
 _STYLE = (
-    "body{font:15px system-ui,sans-serif;margin:2em auto;max-width:1000px;padding:0 1em}table{border-collapse:collapse}"
-    "td,th{padding:.2em .7em;text-align:right;border-bottom:1px solid #ddd}"
+    "body{font:15px system-ui,sans-serif;margin:2em auto;max-width:1150px;padding:0 1em}table{border-collapse:collapse}"
+    "td,th{padding:.2em .6em;text-align:right;border-bottom:1px solid #ddd}td{white-space:nowrap}"
     "td:first-child,th:first-child{text-align:left}.missed{color:#a33;font-weight:bold}"
 )
 _LED_IN = (
