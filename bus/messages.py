@@ -216,6 +216,21 @@ class NavigationState(Message):
     rejected: Count = Field(0, description="measurements refused by the innovation gate")
 
 
+class WallState(Message):
+    """The wall before the vessel (thesis Table 8.2), predicted through lost dots. Without a wall numbers are null."""
+
+    status: Literal["tracking", "predicting", "lost"]
+    distance_m: float | None = Field(None, description="from the laser module, square to the wall")
+    angle_rad: float | None = Field(None, description="to the wall's normal: of the bow from it, clockwise")
+    surge_m_s: float | None = None
+    yaw_rad_s: float | None = None
+    drift_m_s: float | None = Field(None, description="v_d, estimated disturbance of the distance")
+    distance_std_m: float | None = None
+    angle_std_rad: float | None = None
+    measurement_age_s: float | None = Field(None, description="time since the last picture with both dots")
+    rejected: Count = Field(0, description="measurements too far from the prediction")
+
+
 # --- sensors besides the camera ---------------------------------------------------------------------------------
 
 
@@ -236,6 +251,14 @@ class SensorDepth(Message):
     """Depth below the surface."""
 
     z_m: float
+
+
+class SensorLaser(Message):
+    """Distance to a wall by two laser dots, thesis 3.4. `stamp_ns` is the capture time of the picture."""
+
+    distance_m: float | None = Field(None, description="mean of both lasers, along them; null: a dot is lost")
+    angle_rad: float | None = Field(None, description="to the wall's normal, positive: the right laser travels further")
+    lost: Text = Field("", description="which dot is lost")
 
 
 class SensorYawRate(Message):
@@ -309,6 +332,7 @@ class ControlStatus(Message):
     saturated: bool = False
     error_z_m: float | None = Field(None, description="of a depth that is held")
     error_speed_m_s: float | None = Field(None, description="of a speed that is held, ahead")
+    error_distance_m: float | None = Field(None, description="of a distance from a wall that is kept")
     request_id: Name = Field("", description="request of helm/state that all this is about")
     reference_x_m: float | None = Field(None, description="where the vessel shall be now: on a path it moves")
     reference_y_m: float | None = None
@@ -431,6 +455,7 @@ class OperatorRequest(Message):
     psi_rad: float | None = Field(None, description="modes line, path: heading on the way; none: along the path")
     z_m: float | None = Field(None, description="depth; none: that of now, where the vessel can keep one")
     speed_m_s: float | None = Field(None, description="mode speed: ahead; line, path: along it, none: half of the top")
+    distance_m: float | None = Field(None, description="mode distance: from the wall ahead; none: that of now")
     points: WayPoints = Field((), description="modes path, line: from the first to the second, or from here")
     smooth: bool = Field(False, description="mode path: a spline through the way-points instead of straight legs")
     experiment: ExperimentPlan | None = Field(None, description="mode experiment: which; its run is the request_id")
@@ -460,6 +485,7 @@ class HelmState(Message):
     psi_rad: float | None = None
     z_m: float | None = Field(None, description="depth that is kept")
     speed_m_s: float | None = Field(None, description="mode speed: ahead; line, path: along it")
+    distance_m: float | None = Field(None, description="mode distance: from the wall ahead")
     points: WayPoints = ()
     smooth: bool = Field(False, description="a spline through the way-points instead of straight legs")
     request_id: Name = Field("", description="request that mode and reference come from")
@@ -748,6 +774,7 @@ class SimulationFault(Message):
         "current",
         "dropout",
         "board",
+        "laser_lost",
         "displace",
         "clear",
     ]

@@ -62,12 +62,17 @@ CAMERA_CALIBRATION = Topic(
 SENSOR_POSITION = Topic("sensor/position", m.SensorPosition, "sensors", "Measured position, where no camera sees it.")
 SENSOR_COMPASS = Topic("sensor/compass", m.SensorCompass, "sensors", "Measured heading.")
 SENSOR_DEPTH = Topic("sensor/depth", m.SensorDepth, "sensors", "Measured depth.")
+SENSOR_LASER = Topic("sensor/laser", m.SensorLaser, "laser_tracker", "Distance and angle to the wall ahead.", 2.0)
 SENSOR_YAW_RATE = Topic("sensor/yaw_rate", m.SensorYawRate, "sensors", "Measured turn rate.")
 SENSOR_SURGE_SPEED = Topic("sensor/surge_speed", m.SensorSurgeSpeed, "sensors", "Measured speed through water.")
 SENSOR_SPEED = Topic("sensor/speed", m.SensorSpeed, "sensors", "Measured speed over ground.")
 
 NAVIGATION_STATE = Topic(
     "navigation/state", m.NavigationState, "estimator", "Estimated pose, velocity, disturbance.", 30.0
+)
+
+NAVIGATION_WALL = Topic(
+    "navigation/wall", m.WallState, "estimator", "Estimated distance and angle to the wall ahead.", 10.0
 )
 
 CONTROL_WRENCH = Topic("control/wrench", m.Wrench, "controller", "What the control law demands.", 30.0, Qos.COMMAND)

@@ -34,13 +34,13 @@ class Process:
     target: str
     priority: int = 30
     simulation_only: bool = False
-    needs: Literal["camera", "instruments", ""] = ""
-    """Started only for a vessel with a camera above it, or with sensors besides that."""
+    needs: Literal["camera", "laser", "instruments", ""] = ""
+    """Started only for a vessel with a camera above it, a laser module, or with sensors besides that."""
 
     def fits(self, vessel: Vessel) -> bool:
         """Return whether the vessel has what the process is for."""
         kinds = {sensor.kind for sensor in vessel.sensors}
-        return {"camera": "camera" in kinds, "instruments": bool(kinds & INSTRUMENTS), "": True}[self.needs]
+        return not self.needs or bool(kinds & (INSTRUMENTS if self.needs == "instruments" else {self.needs}))
 
     @cached_property
     def service(self) -> type[Service]:
@@ -77,6 +77,7 @@ PROCESSES = (
     Process("estimator", "services.estimator:Estimator"),
     Process("camera_tracker", "camera_tracker.service:CameraTracker", needs="camera"),
     Process("camera_calibration", "camera_tracker.calibration_service:CameraCalibration", needs="camera"),
+    Process("laser_tracker", "camera_tracker.laser.service:LaserTracker", needs="laser"),
     Process("sensors", "services.simulator.sensors:Sensors", simulation_only=True, needs="instruments"),
     Process("ui", "ui.server:Page"),
     Process("simulator", "services.simulator.service:Simulator", simulation_only=True),

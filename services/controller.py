@@ -17,7 +17,7 @@ from marine.control.laws import known_laws
 from marine.control.tracking import missing_of
 from marine.guidance.reference_filter import MotionLimits, ReferenceFilter
 from marine.vessel import Vessel
-from services.guidance import DepthKeeping, Guidance, GuidanceConfig, Seen, Tools, guidance_for
+from services.guidance import DepthKeeping, DistanceGuidance, Guidance, GuidanceConfig, Seen, Tools, guidance_for
 from services.tuning import motion_for, parameters_of
 from services.tuning_desk import TuningDesk, answered
 
@@ -97,6 +97,7 @@ class Controller(Service):
     rate_hz = 10.0
     quick = True
     navigation = Input(topics.NAVIGATION_STATE, max_age_s=0.25, wakes=True)
+    wall = Input(topics.NAVIGATION_WALL, max_age_s=0.5)
     helm = Input(topics.HELM_STATE, max_age_s=1.0)
     attained = Input(topics.ACTUATOR_ATTAINED, max_age_s=0.25)
     former = Input(topics.CONTROL_STATUS)
@@ -146,7 +147,7 @@ class Controller(Service):
         helm = self.helm.fresh(now_s)
         self._retune(helm, now_s)
         state = self.navigation.fresh(now_s)
-        if helm is None or state is None or state.status not in ("tracking", "predicting"):
+        if helm is None or state is None or not self._usable(helm, state, now_s):
             self._running = None
         elif self.navigation.updated:
             self._control(helm, state, now_s)
@@ -201,6 +202,7 @@ class Controller(Service):
             disturbance=_disturbance(state),
             ours=ours,
             along_m=self._along_m(helm),
+            wall=self.wall.latest,
         )
         if entering:
             guidance.engage(helm, seen)
@@ -208,6 +210,12 @@ class Controller(Service):
         self._running, self._ours, self._state_ns, self._order = guidance, ours, state.stamp_ns, helm.request_id
         Z = self._depth.step(seen.dt_s, helm.z_m, state, attained) if self._depth else None
         self.wrench.publish(Wrench(origin_ns=state.origin_ns, surge_n=X, sway_n=Y, heave_n=Z, yaw_nm=N))
+
+    def _usable(self, helm: HelmState, state: NavigationState, now_s: float) -> bool:
+        """Whether what this law goes by is known: the pose, or the wall."""
+        wall = self.wall.fresh(now_s)
+        known = state if helm.law != DistanceGuidance.law else wall
+        return known is not None and known.status in ("tracking", "predicting")
 
     def _along_m(self, helm: HelmState) -> float:
         """Return how far the path of this request was followed, by this process or the one before it."""

@@ -14,23 +14,21 @@ from pydantic import Field, model_validator
 from bus import topics
 from bus.clock import NS
 from bus.config import Section
-from bus.messages import CameraPose, ControlGains, NavigationState, SensorPosition
+from bus.messages import CameraPose, ControlGains, NavigationState, SensorCompass, SensorPosition
 from bus.service import FUTURE_TOLERANCE_S, Input, Output, Service
 from marine.allocation import axis_limits
 from marine.dynamics.integrate import State
-from marine.dynamics.uncoupled import Tau
 from marine.estimation.depth import DepthFilter
 from marine.estimation.ekf import Array, EkfTuning, PoseEkf, Verdict
 from marine.estimation.smoothing import CausalVelocities
 from marine.vessel import DegreeOfFreedom, Sensor, Vessel
 from services.actuator_monitor import ActuatorMonitor, can_be_monitored
+from services.wall_tracker import WallTracker
+from services.wrenches import Wrenches
 
-WRENCH_HOLD_NS = 350_000_000
-"""Without a new command the platform stops its thrusters: a delivered wrench counts no longer than this."""
 _LONGEST_STEP_NS = 50_000_000
 _NEAREST_NS = 1_000_000
-_NO_WRENCH: Tau = (0.0, 0.0, 0.0)
-
+WALL_PERIOD_S = 0.1
 DEPTH_LOST_S = 1.0
 """A depth sensor that says nothing for so long says nothing about now."""
 
@@ -72,6 +70,7 @@ class Estimator(Service):
     timer ends before the next pose comes (25 Hz against the camera's 30 Hz), a prediction is published.
 
     A vessel that dives has depth and heave from its depth sensor (`marine.estimation.depth`).
+    One with a laser module has the wall before it (`services.wall_tracker`).
     Without a camera a position and the heading of the same moment are a pose, as exact as the vessel file says.
     """
 
@@ -83,11 +82,13 @@ class Estimator(Service):
     position = Input(topics.SENSOR_POSITION, wakes=True, queue=16)
     compass = Input(topics.SENSOR_COMPASS, queue=16)
     depth = Input(topics.SENSOR_DEPTH, queue=16)
+    laser = Input(topics.SENSOR_LASER, queue=16)
     delivered = Input(topics.ACTUATOR_DELIVERED, queue=16)
     command = Input(topics.ACTUATOR_COMMAND, queue=16)
     order = Input(topics.OPERATOR_ACTUATOR, queue=16)
     gains = Input(topics.CONTROL_GAINS, changed_only=True)
     state = Output(topics.NAVIGATION_STATE)
+    wall = Output(topics.NAVIGATION_WALL)
     fault = Output(topics.ACTUATOR_FAULT)
 
     def __init__(self, config: EstimatorConfig, vessel: Vessel) -> None:
@@ -104,7 +105,10 @@ class Estimator(Service):
             position_m, heading_rad = max(position_m, _std(receiver)), max(heading_rad, _std(compass))
             self._lost_after_s = max(self._lost_after_s, 3.0 * receiver.sample_time_s + receiver.delay_s)
             self._ready_std_m_s = max(self._ready_std_m_s, position_m)  # as well as 1 s of the receiver shows it
-        unused: tuple[str, ...] = ("pose",) if self._instruments else ("position", "compass")
+        self._wall, self._wall_s = WallTracker(vessel), 0.0
+        unused: tuple[str, ...] = ("pose",) if self._instruments else ("position",)
+        if not self._wall.possible:
+            unused += ("laser", "wall") if self._instruments else ("laser", "wall", "compass")
         self._monitor: ActuatorMonitor | None = None
         if config.fault_detection and not self._instruments and can_be_monitored(vessel):
             self._monitor = ActuatorMonitor(vessel)
@@ -134,7 +138,7 @@ class Estimator(Service):
         self._seen_ns = 0  # of the last pose that came
         self._ready = False
         self._rejected = 0
-        self._wrenches: deque[tuple[int, Tau]] = deque(maxlen=64)
+        self._wrenches = Wrenches()
 
     def step(self, now_s: float) -> None:
         """Take in what came, publish the state at now."""
@@ -145,11 +149,14 @@ class Estimator(Service):
             surge, sway, heave, _, _, yaw = wrench.vector()
             self._depth.heave_n = heave
             if wrench.stamp_ns <= now_ns + FUTURE_TOLERANCE_S * NS:
-                self._wrenches.append((wrench.stamp_ns, (surge, sway, yaw)))
+                self._wrenches.add(wrench.stamp_ns, (surge, sway, yaw))
+                self._wall.wrench(wrench.stamp_ns, (surge, sway, yaw))
         if self._seen_ns > now_ns + FUTURE_TOLERANCE_S * NS:  # the machine's clock was set back
             self._forget()
             self._seen_ns = self._used_ns = 0
             self._wrenches.clear()
+        headings = self.compass.take()
+        self._headings.extend((c.stamp_ns, c.psi_rad) for c in headings)
         for pose in self._fixes() if self._instruments else self.pose.take():
             if pose.name not in self._names:
                 continue
@@ -158,6 +165,8 @@ class Estimator(Service):
         for sample in self.depth.take():
             self._depth.take(sample.stamp_ns, sample.z_m)
         self._publish(now_ns)
+        if self._wall.possible:
+            self._tell_wall(self._wall, headings, now_s)
         if self._monitor is not None:
             self._tell_faults(self._monitor, now_s)
 
@@ -170,6 +179,7 @@ class Estimator(Service):
         self._model = model
         if self._ekf is not None:
             self._ekf.exchange(model)
+        self._wall.exchange(model)
         if self._monitor is not None:
             self._monitor = ActuatorMonitor(replace(self._vessel, model=model))
 
@@ -181,9 +191,17 @@ class Estimator(Service):
         if message := monitor.tell(now_s):
             self.fault.publish(message)
 
+    def _tell_wall(self, wall: WallTracker, headings: list[SensorCompass], now_s: float) -> None:
+        for heading in headings:
+            wall.compass(heading)
+        for sample in self.laser.take():
+            wall.laser(sample)
+        if now_s - self._wall_s > WALL_PERIOD_S - 1e-3:
+            self._wall_s = now_s
+            self.wall.publish(wall.told(round(now_s * NS)))
+
     def _fixes(self) -> list[CameraPose]:
         """Return the poses that instruments give: a position with the heading nearest to it in time."""
-        self._headings.extend((c.stamp_ns, c.psi_rad) for c in self.compass.take())
         if not self._headings:
             return []
         fixes = []
@@ -239,8 +257,7 @@ class Estimator(Service):
         ekf = self._ekf
         self._advance(ekf, self._filter_ns, stamp_ns)
         self._filter_ns = stamp_ns
-        while len(self._wrenches) > 1 and self._wrenches[1][0] <= stamp_ns:
-            self._wrenches.popleft()
+        self._wrenches.forget_before(stamp_ns)
         if ekf.update(x_m, y_m, psi_rad, noise) is Verdict.REFUSED:
             return False
         if not self._ready:
@@ -251,20 +268,10 @@ class Estimator(Service):
         """Predict from one time to another with the wrenches that were in force between."""
         at_ns = from_ns
         while at_ns < to_ns:
-            tau, until_ns = self._wrench(at_ns)
+            tau, until_ns = self._wrenches.at(at_ns)
             next_ns = min(until_ns, to_ns, at_ns + _LONGEST_STEP_NS)
             ekf.predict((next_ns - at_ns) / NS, tau)
             at_ns = next_ns
-
-    def _wrench(self, at_ns: int) -> tuple[Tau, int]:
-        """Return the wrench in force at a time, and when it ends."""
-        tau, until_ns, next_ns = _NO_WRENCH, 0, 2**63
-        for stamp_ns, delivered in self._wrenches:
-            if stamp_ns > at_ns:
-                next_ns = stamp_ns
-                break
-            tau, until_ns = delivered, stamp_ns + WRENCH_HOLD_NS
-        return (tau, min(until_ns, next_ns)) if at_ns < until_ns else (_NO_WRENCH, next_ns)
 
     def _publish(self, now_ns: int) -> None:
         age_s = (now_ns - self._used_ns) / NS

@@ -77,6 +77,7 @@ class Helm(Service):
     experiment = Input(topics.EXPERIMENT_WRENCH, max_age_s=0.25, wakes=True)
     progress = Input(topics.EXPERIMENT_STATUS, wakes=True)
     navigation = Input(topics.NAVIGATION_STATE, max_age_s=0.25)
+    wall = Input(topics.NAVIGATION_WALL, max_age_s=0.5)
     actuators = Input(topics.ACTUATOR_HEALTH)
     former = Input(topics.HELM_STATE)
     wrench = Output(topics.HELM_WRENCH)
@@ -194,7 +195,7 @@ class Helm(Service):
             pose, problem = self._pose(now_s, mode)
             if pose is None:
                 raise Refused(f"no {mode} without a pose: {problem}")
-            reference = self._checks.reference(request, mode, pose)
+            reference = self._checks.reference(request, mode, pose, self.wall.fresh(now_s))
         self._plan = self._checked_plan(request) if mode == "experiment" else None
         self._request = request.request_id
         entering = mode != self._mode
@@ -296,10 +297,17 @@ class Helm(Service):
         return demand, ""
 
     def _pose(self, now_s: float, mode: Mode) -> tuple[NavigationState | None, str]:
-        """Return the estimated state if it may be used in this mode, or None and why not."""
+        """Return the estimated state if it may be used in this mode, or None and why not.
+
+        A distance is kept by the wall: the pose may be lost meanwhile.
+        """
         state = self.navigation.fresh(now_s)
         if state is None:
             return None, "the estimator is silent"
+        if mode == "distance":
+            wall = self.wall.fresh(now_s)
+            seen = wall is not None and wall.status != "lost"
+            return (state, "") if seen else (None, "the laser module has not seen the wall for too long")
         longest_s: float = getattr(self.vessel.validity, f"{mode}_s", self.vessel.validity.hold_s)
         if state.status not in ("tracking", "predicting") or state.measurement_age_s > longest_s:
             return None, f"the pose is lost ({state.status}, last seen {state.measurement_age_s:.1f} s ago)"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Literal
 
-from bus.messages import HelmState, Mode, NavigationState, OperatorRequest, WayPoint
+from bus.messages import HelmState, Mode, NavigationState, OperatorRequest, WallState, WayPoint
 from marine.frames import wrap_angle
 from marine.guidance.abilities import Abilities
 from marine.vessel import Axis, Vessel
@@ -19,6 +19,10 @@ EXPERIMENT: Source = "experiment"
 
 HORIZONTAL = ("surge", "sway", "yaw")
 AXIS_FIELDS = {"surge": "surge_n", "sway": "sway_n", "heave": "heave_n", "yaw": "yaw_nm"}
+
+
+NEAREST_M = 0.1
+"""Thesis 3.4: lasers are calibrated from here on."""
 
 
 class Refused(Exception):  # noqa: N818 - it is an answer, not an error
@@ -66,6 +70,14 @@ MODES: Mapping[Mode, ModeRule] = {
         afterwards="hold",
         reference=("psi_rad", "speed_m_s"),
     ),
+    "distance": ModeRule(
+        law="distance",
+        controller=HORIZONTAL,
+        needs=("X", "N"),
+        keeps_depth=True,
+        afterwards="hold",
+        reference=("distance_m",),
+    ),
     "line": ModeRule(law="path", controller=HORIZONTAL, needs=("X", "N"), keeps_depth=True, afterwards="hold"),
     "path": ModeRule(law="path", controller=HORIZONTAL, needs=("X", "N"), keeps_depth=True, afterwards="hold"),
     "experiment": ModeRule(law="positioning", controller=HORIZONTAL, afterwards="hold", reference=_POSE),
@@ -84,15 +96,14 @@ class Reference:
     psi_rad: float | None = None
     z_m: float | None = None
     speed_m_s: float | None = None
+    distance_m: float | None = None
     points: tuple[WayPoint, ...] = ()
     smooth: bool = False
 
     @classmethod
     def of(cls, state: HelmState) -> Reference:
         """Return the reference that a state tells."""
-        return cls(
-            state.x_m, state.y_m, state.psi_rad, state.z_m, state.speed_m_s, state.points, state.smooth
-        )  # the helm before checked it
+        return cls(**{field.name: getattr(state, field.name) for field in fields(cls)})  # the helm before checked it
 
     def __str__(self) -> str:
         """Return it as the answer to a request tells it."""
@@ -101,6 +112,8 @@ class Reference:
             parts += [f"x {self.x_m:.3f} m", f"y {self.y_m:.3f} m"]
         if self.speed_m_s is not None:
             parts.append(f"{self.speed_m_s:.2f} m/s")
+        if self.distance_m is not None:
+            parts.append(f"{self.distance_m:.2f} m from the wall")
         if self.psi_rad is not None:
             parts.append(f"psi {math.degrees(self.psi_rad):.1f} deg")
         if self.z_m is not None:
@@ -125,13 +138,20 @@ class Checks:
             raise Refused(f"no mode {mode}: {lacking}")
         if mode == "depth" and not self.can_keep_depth:
             raise Refused(f"no mode depth: {self.vessel.name} has no depth sensor")
+        if mode == "distance" and self.vessel.sensor("laser") is None:
+            raise Refused(f"no mode distance: {self.vessel.name} has no laser module")
         return MODES[mode]
 
-    def reference(self, request: OperatorRequest, mode: Mode, pose: NavigationState) -> Reference:
+    def reference(
+        self, request: OperatorRequest, mode: Mode, pose: NavigationState, wall: WallState | None = None
+    ) -> Reference:
         """Return the reference of a mode; what a request leaves open is as it is now. Raise Refused."""
         rule = MODES[mode]
         try:
-            reference = self._path(request, mode, pose) if rule.law == "path" else self._pose(request, rule, pose)
+            if mode == "distance":
+                reference = self._distance(request, wall)
+            else:
+                reference = self._path(request, mode, pose) if rule.law == "path" else self._pose(request, rule, pose)
             if rule.keeps_depth and self.can_keep_depth:
                 reference = replace(reference, z_m=self._depth(request, pose))
                 if mode == "depth" and reference.z_m is None:
@@ -155,6 +175,16 @@ class Checks:
         if (request.x_m, request.y_m) != (None, None):  # here is where it floats: never refused, not even at the wall
             self.abilities.check_place(x_m, y_m)
         return Reference(x_m, y_m, psi_rad)
+
+    def _distance(self, request: OperatorRequest, wall: WallState | None) -> Reference:
+        if wall is None or wall.status != "tracking":
+            raise ValueError("the laser module does not see the wall ahead")
+        laser = self.vessel.sensor("laser")
+        furthest_m = (laser and laser.range_max) or math.inf
+        distance_m = wall.distance_m if request.distance_m is None else request.distance_m
+        if distance_m is None or not NEAREST_M <= distance_m <= furthest_m:
+            raise ValueError(f"a distance from the wall is between {NEAREST_M:g} and {furthest_m:g} m")
+        return Reference(distance_m=distance_m)
 
     def _path(self, request: OperatorRequest, mode: Mode, pose: NavigationState) -> Reference:
         points = request.points

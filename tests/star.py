@@ -67,7 +67,7 @@ class Star:
         self._answers: list[HelmAnswer] = []
         link = f"loop://star{next(_links)}"
         self._sections: dict[str, dict[str, Any]] = {
-            "simulator": {"pictures": False, "state_file": False, "link": link},
+            "simulator": {"pictures": False, "laser_pictures": False, "state_file": False, "link": link},
             "platform_link": {"uri": link},
         }
         for name, values in sections.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from bus.config import Section
-from camera_tracker.calibration import CalibrationError
+from camera_tracker.calibration import CalibrationError, read_json
 
 Array = NDArray[np.float64]
 
@@ -74,6 +75,19 @@ class LaserModule(Section):
 VIDEORAY_LEFT = LaserCurve(a_m=5.077, b_per_px=-0.03745, c_m=0.8871, d_per_px=-0.007085)
 VIDEORAY_RIGHT = LaserCurve(a_m=2.302, b_per_px=-0.03876, c_m=0.833, d_per_px=-0.007234)
 """Thesis Table 3.1 (10 to 100 cm)."""
+SPACING_M = 0.1
+"""Chosen: the thesis prints no d_DM."""
+
+
+def laser_module(calibration: Path | None = None, spacing_m: float = SPACING_M) -> LaserModule:
+    """Return the module of a file of `starboard camera laser calibrate`; without one the curves of Table 3.1.
+
+    Raises ConfigError when the file cannot be used.
+    """
+    if calibration is None:
+        return LaserModule(left=VIDEORAY_LEFT, right=VIDEORAY_RIGHT, spacing_m=spacing_m)
+    module: LaserModule = read_json(LaserModule, calibration)
+    return module
 
 
 def fit_curve(x_px: Array, length_m: Array) -> tuple[LaserCurve, float]:

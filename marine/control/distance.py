@@ -36,13 +36,29 @@ class DistanceKeeping:
         self.distance = _loop(surge, a_d, X_n)
         self.angle = _loop(yaw, a_phi, N_nm)
 
-    def steer(self, dt_s: float, phi_rad: float, r_rad_s: float) -> float:
-        """Return N in Nm that turns the vessel towards the wall."""
-        return self.angle.step(dt_s, 0.0, phi_rad, r_rad_s)
+    def follow_angle(self, N: float, phi_rad: float, r_rad_s: float) -> None:
+        """Make ready to turn: the next moment, without time passing, is N in Nm."""
+        self.angle.follow(N, phi_rad, r_rad_s)
 
-    def drive(self, dt_s: float, reference_m: float, distance_m: float, phi_rad: float, u_m_s: float) -> float:
-        """Return X in N that brings the vessel to the wanted distance."""
-        return self.distance.step(dt_s, -reference_m, -distance_m, u_m_s * math.cos(phi_rad))
+    def follow_distance(self, X: float, distance_m: float, phi_rad: float, u_m_s: float) -> None:
+        """Make ready to drive: the next force, without time passing, is X in N."""
+        self.distance.follow(X, -distance_m, u_m_s * math.cos(phi_rad))
+
+    def steer(self, dt_s: float, phi_rad: float, r_rad_s: float, missing_nm: float = 0.0) -> float:
+        """Return N in Nm that turns the vessel towards the wall; missing_nm: N given less N demanded before."""
+        return self.angle.step(dt_s, 0.0, phi_rad, r_rad_s, missing_nm)
+
+    def drive(  # noqa: PLR0917 - the symbols of 8.2.2
+        self,
+        dt_s: float,
+        reference_m: float,
+        distance_m: float,
+        phi_rad: float,
+        u_m_s: float,
+        missing_n: float = 0.0,
+    ) -> float:
+        """Return X in N that brings the vessel to the wanted distance; missing_n: X given less X demanded before."""
+        return self.distance.step(dt_s, -reference_m, -distance_m, u_m_s * math.cos(phi_rad), missing_n)
 
 
 def _loop(dof: DegreeOfFreedom, a: Coefficients, limit: float) -> LimitedLoop:

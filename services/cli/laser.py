@@ -123,13 +123,9 @@ def render(
 
 
 def _module(path: Path | None, spacing_mm: float) -> LaserModule:
-    from camera_tracker.calibration import read_json
-    from camera_tracker.laser.ranging import VIDEORAY_LEFT, VIDEORAY_RIGHT, LaserModule
+    from camera_tracker.laser.ranging import laser_module
 
-    if path is None:
-        return LaserModule(left=VIDEORAY_LEFT, right=VIDEORAY_RIGHT, spacing_m=1e-3 * spacing_mm)
-    module: LaserModule = read_json(LaserModule, path)
-    return module
+    return laser_module(path, 1e-3 * spacing_mm)
 
 
 def _columns(path: Path) -> list[Any]:

@@ -1,4 +1,4 @@
-"""`starboard mode NAME`: ask the helm for a mode and a reference: a place, a speed, a depth, way-points."""
+"""`starboard mode NAME`: ask the helm for a mode and a reference: a place, a speed, a depth, a distance, way-points."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ANSWER_S = 2.0
 
 
 def mode(  # noqa: PLR0917 - typer makes options of them
-    name: Annotated[str, typer.Argument(help="stop, manual, hold, heading, speed, depth, line, path.")],
+    name: Annotated[str, typer.Argument(help="stop, manual, hold, heading, speed, depth, distance, line, path.")],
     file: Annotated[Path | None, typer.Argument(help="Of a path: a file with x,y in m on each line.")] = None,
     x_m: Annotated[float | None, typer.Option(help="Reference in the tank, to the right in the picture.")] = None,
     y_m: Annotated[float | None, typer.Option(help="Reference in the tank, downwards in the picture.")] = None,
@@ -33,6 +33,7 @@ def mode(  # noqa: PLR0917 - typer makes options of them
         float | None, typer.Option(help="Speed: ahead, or along a line or path (else half of the top).")
     ] = None,
     depth_m: Annotated[float | None, typer.Option(help="Depth, of a vessel that dives.")] = None,
+    distance_m: Annotated[float | None, typer.Option(help="From the wall ahead, by the laser module.")] = None,
     from_x_m: Annotated[
         float | None, typer.Option(help="Beginning of a line; without it the line begins here.")
     ] = None,
@@ -73,6 +74,7 @@ def mode(  # noqa: PLR0917 - typer makes options of them
                 "psi_rad": None if psi_deg is None else math.radians(psi_deg),
                 "z_m": depth_m,
                 "speed_m_s": speed_m_s,
+                "distance_m": distance_m,
                 "points": [{"x_m": x, "y_m": y} for x, y in places],
                 "smooth": smooth,
                 "lease_s": lease_s or (3600.0 if name in ("line", "path", "speed") else 600.0),

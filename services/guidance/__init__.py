@@ -4,15 +4,33 @@ from __future__ import annotations
 
 from services.guidance.base import Guidance, GuidanceConfig, Seen, Tools
 from services.guidance.depth import DepthKeeping
+from services.guidance.distance import DistanceGuidance
 from services.guidance.pose import PoseKeeping
 from services.guidance.speed import HeadingKeeping, SpeedKeeping, StickOnly
 from services.guidance.steering import Steering
 from services.guidance.trajectory import Following
 
-GUIDANCE: tuple[type[Guidance], ...] = (PoseKeeping, HeadingKeeping, Following, Steering, SpeedKeeping, StickOnly)
+GUIDANCE: tuple[type[Guidance], ...] = (
+    PoseKeeping,
+    HeadingKeeping,
+    Following,
+    Steering,
+    SpeedKeeping,
+    StickOnly,
+    DistanceGuidance,
+)
 """All there is; for one law the first that the vessel has the axes for."""
 
-__all__ = ["GUIDANCE", "DepthKeeping", "Guidance", "GuidanceConfig", "Seen", "Tools", "guidance_for"]
+__all__ = [
+    "GUIDANCE",
+    "DepthKeeping",
+    "DistanceGuidance",
+    "Guidance",
+    "GuidanceConfig",
+    "Seen",
+    "Tools",
+    "guidance_for",
+]
 
 
 def guidance_for(tools: Tools) -> tuple[dict[str, Guidance], list[str]]:

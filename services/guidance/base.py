@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal, NamedTuple
 from pydantic import Field
 
 from bus.config import Section
-from bus.messages import HelmState
+from bus.messages import HelmState, WallState
 from marine.control.base import ControlLaw, Vector3
 from marine.guidance.reference_filter import MotionLimits, ReferenceFilter
 from marine.vessel import Axis, Vessel
@@ -61,6 +61,8 @@ class Seen(NamedTuple):
     ours: Ours
     along_m: float
     """How far this request's path was followed by a controller that was restarted, or before a pause; else 0."""
+    wall: WallState | None = None
+    """The wall ahead, where a laser module sees one."""
 
 
 class Guidance(ABC):

@@ -24,6 +24,7 @@ from services.simulator.world import Current, Surroundings, World
 if TYPE_CHECKING:  # OpenCV is only needed for pictures
     from camera_tracker.sources import FrameWriter
     from services.simulator.camera import Renderer
+    from services.simulator.laser import ForwardCamera
 
 SAVE_PERIOD_S = 0.2
 
@@ -33,6 +34,7 @@ class SimulatorConfig(Section):
 
     seed: int = 1
     pictures: bool = Field(True, description="render the camera; false: only simulation/truth")
+    laser_pictures: bool = Field(True, description="render the forward camera of a vessel with a laser module")
     link: str = Field("pty://", description="the platform's port; pty:// alone: `platform` in the run directory")
     x_m: float | None = Field(None, description="where the vessel starts; none: in the middle of the pool")
     y_m: float | None = None
@@ -111,6 +113,7 @@ class Simulator(Service):
         self._port: Driver
         self._renderer: Renderer | None = None
         self._frames: FrameWriter | None = None
+        self._forward: ForwardCamera | None = None
         self.refused_orders = 0
         """Orders on simulation/fault that could not be followed."""
 
@@ -134,6 +137,10 @@ class Simulator(Service):
             camera = self._vessel.camera
             self._renderer = Renderer(self._vessel, config.seed, config.picture_noise_std, config.picture_blur_px)
             self._frames = FrameWriter(self._run_dir / "camera", camera.width_px, camera.height_px)
+        if config.laser_pictures and (laser := self._vessel.sensor("laser")):
+            from services.simulator.laser import ForwardCamera
+
+            self._forward = ForwardCamera(self._vessel, laser, config.seed, self._run_dir / "laser")
         self._next_frame_ns = now_ns
 
     def files(self) -> tuple[int, ...]:
@@ -162,8 +169,9 @@ class Simulator(Service):
     def stop(self, now_s: float) -> None:
         """Close the far ends. After a proper end the next simulator starts afresh."""
         self._port.close()
-        if self._frames is not None:
-            self._frames.close()
+        for frames in (self._frames, self._forward):
+            if frames is not None:
+                frames.close()
         if self._config.state_file:
             self._state_path.unlink(missing_ok=True)
 
@@ -187,6 +195,8 @@ class Simulator(Service):
 
     def _look(self, now_ns: int, now_s: float) -> None:
         x, y, psi, u, v, r = self._world.state
+        if self._forward is not None:
+            self._forward.look(now_ns, x, y, psi, lost=self._camera.laser_lost)
         if self._renderer is not None and self._frames is not None:
             lost = self._random.random() < self._camera.dropout
             if not lost:
