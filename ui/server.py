@@ -196,6 +196,7 @@ def system_document(vessel: Vessel, title: str = "") -> dict[str, Any]:
         "camera": dataclasses.asdict(vessel.camera),
         "thrusters": [dataclasses.asdict(t) | {"max_n": Drive(t).upper} for t in vessel.thrusters],
         "actuators": [a.name for a in vessel.actuators],
+        "sensors": [s.kind for s in vessel.sensors],
         "axes": ["surge", "sway", "yaw"],
         "laws": laws_document(),
         "hold_w0_rad_s": vessel.hold_w0_rad_s,

@@ -71,6 +71,7 @@ class ModeMessage(_FromPage):
     psi_rad: float | None = None
     z_m: float | None = None
     speed_m_s: float | None = None
+    distance_m: float | None = None
     points: WayPoints = ()
     smooth: bool = False
     experiment: ExperimentPlan | None = None

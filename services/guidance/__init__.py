@@ -38,7 +38,7 @@ def guidance_for(tools: Tools) -> tuple[dict[str, Guidance], list[str]]:
     found: dict[str, Guidance] = {}
     missing: list[str] = []
     for kind in GUIDANCE:
-        if kind.law not in found and set(kind.needs) <= set(tools.vessel.controlled):
+        if kind.law not in found and kind.fits(tools.vessel):
             try:
                 found[kind.law] = kind(tools)
             except ValueError as error:

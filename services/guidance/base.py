@@ -12,7 +12,7 @@ from bus.config import Section
 from bus.messages import HelmState, WallState
 from marine.control.base import ControlLaw, Vector3
 from marine.guidance.reference_filter import MotionLimits, ReferenceFilter
-from marine.vessel import Axis, Vessel
+from marine.vessel import Axis, SensorKind, Vessel
 
 Ours = tuple[bool, bool, bool]
 """Which of surge, sway and yaw are the controller's."""
@@ -75,10 +75,17 @@ class Guidance(ABC):
     law: ClassVar[str]
     needs: ClassVar[tuple[Axis, ...]] = ()
     """Axes that a vessel must control; of classes for the same law the first that fits is taken."""
+    sensor: ClassVar[SensorKind | None] = None
+    """What a vessel must have besides."""
 
     def __init__(self, tools: Tools) -> None:
         """Raise ValueError when the vessel cannot do it."""
         self.tools = tools
+
+    @classmethod
+    def fits(cls, vessel: Vessel) -> bool:
+        """Return whether a vessel has the axes and the sensor."""
+        return set(cls.needs) <= set(vessel.controlled) and (cls.sensor is None or bool(vessel.sensor(cls.sensor)))
 
     @abstractmethod
     def engage(self, order: HelmState, seen: Seen) -> None:

@@ -21,13 +21,12 @@ class DistanceGuidance(Guidance):
 
     law = "distance"
     needs = ("X", "N")
+    sensor = "laser"
 
     def __init__(self, tools: Tools) -> None:
-        """Raise ValueError when the vessel has no laser module, or a loop is not allowed, (8.22)."""
+        """Raise ValueError when a loop is not allowed, (8.22)."""
         super().__init__(tools)
         vessel, (X, _, N) = tools.vessel, tools.limits
-        if vessel.sensor("laser") is None:
-            raise ValueError(f"{vessel.name} has no laser module")
         w0 = vessel.hold_w0_rad_s
         faster = tools.config.heading_w0_rad_s or vessel.heading_w0_rad_s or ANGLE_FASTER * w0
         surge, yaw = vessel.model.surge, vessel.model.yaw

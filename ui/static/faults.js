@@ -17,6 +17,7 @@ export class Faults {
       this.row("thruster_dead", "Thruster dead", thruster()),
       this.row("thruster_weak", "Thruster weak", thruster(), numbers("fraction", "lost", "0.6", "0.1")),
       this.row("thruster_stuck", "Thruster stuck", thruster()),
+      ...(system.sensors.includes("laser") ? [this.row("laser_lost", "Laser dots lost")] : []),
       this.row("board", "Calibration board"),
       this.row("dropout", "Frames lost", numbers("fraction", "part", "0.5", "0.1")),
       h("button", { type: "button", class: "wide", onclick: () => this.send({ kind: "clear" }, "All faults cleared") }, "Clear all faults"),

@@ -1,6 +1,6 @@
 // Modes: asks the helm, shows what it answered and what it does, keeps the lease.
 
-import { text } from "./format.js";
+import { DEG, fixed, text } from "./format.js";
 import { toast } from "./toasts.js";
 
 const RENEW_MS = 1000;
@@ -8,7 +8,30 @@ const ANSWER_MS = 1500;
 const NAMES = { stop: "stopped", manual: "manual", hold: "holding", heading: "keeping heading", experiment: "experiment",
   depth: "keeping depth", speed: "keeping speed", line: "following line", path: "following path", distance: "keeping distance" };
 const ACCEPTED = { stop: "Stopped", manual: "You have the stick", experiment: "The experiment begins",
-  line: "Following the line", path: "Following the path" };
+  distance: "Keeping the distance", line: "Following the line", path: "Following the path" };
+
+/** The wall ahead, of a vessel with a laser module. */
+class Wall {
+  constructor(store, ask) {
+    this.store = store;
+    const find = (id) => document.querySelector(id);
+    [this.form, this.distance, this.angle, this.wanted, this.button] = ["#wall", "#wall-distance", "#wall-angle", "#ref-distance", "#distance"].map(find);
+    this.form.onsubmit = (event) => {
+      event.preventDefault();
+      document.activeElement?.blur();
+      ask(Number.isFinite(this.wanted.valueAsNumber) ? { distance_m: this.wanted.valueAsNumber } : {});
+    };
+  }
+
+  show(mode) {
+    const wall = this.store.fresh("navigation/wall", 1.5);
+    if (wall) this.form.hidden = false;
+    text(this.distance, fixed(wall?.distance_m, 2));
+    text(this.angle, fixed(wall?.angle_rad == null ? null : wall.angle_rad * DEG, 0));
+    this.form.dataset.status = wall?.status ?? "lost";
+    this.button.setAttribute("aria-pressed", mode === "distance");
+  }
+}
 
 export class Helm {
   constructor(link, store, reference, route) {
@@ -20,6 +43,7 @@ export class Helm {
     this.manualButton = document.querySelector("#manual");
     this.holdButton = document.querySelector("#hold");
     this.guardNote = document.querySelector("#guard");
+    this.wall = new Wall(store, (wish) => this.ask("distance", wish));
     route.followButton.onclick = () => this.ask(...route.wish);
     this.leaseNote = document.querySelector("#lease");
     document.querySelector("#stop").onclick = () => this.stop();
@@ -100,6 +124,7 @@ export class Helm {
     this.modeOutput.value = this.modeOutput.textContent;
     this.manualButton.setAttribute("aria-pressed", mode === "manual");
     this.holdButton.setAttribute("aria-pressed", mode === "hold");
+    this.wall.show(mode);
     text(this.holdButton, this.reference.chosen ? "Hold there" : "Hold here");
     text(this.leaseNote, this.lease(state));
     text(this.guardNote, state?.guard ? `Guard: kept ${state.guard}` : "");
