@@ -75,7 +75,6 @@ MODES: Mapping[Mode, ModeRule] = {
         controller=HORIZONTAL,
         needs=("X", "N"),
         keeps_depth=True,
-        afterwards="hold",
         reference=("distance_m",),
     ),
     "line": ModeRule(law="path", controller=HORIZONTAL, needs=("X", "N"), keeps_depth=True, afterwards="hold"),
