@@ -31,7 +31,7 @@ class AllocatorConfig(Section):
 
     failed: tuple[str, ...] = Field((), description="actuators that do not work: they get zero, the others take over")
     leave_out_detected: bool = Field(
-        True, description="treat a detected failure like that, as long as the others control all axes; false: report it"
+        False, description="treat a detected failure like that at once; false: report it, and an operator decides"
     )
     leave_out_from: float = Field(0.5, gt=0, le=1, description="least part of the thrust that is lost for that")
     priority: dict[AxisName, float] = Field(

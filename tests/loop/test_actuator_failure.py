@@ -51,8 +51,8 @@ def fault(star: Star) -> ActuatorFault:
 
 
 @pytest.mark.parametrize("name", THRUSTERS)
-def test_a_dead_thruster_is_found_within_10_s_and_holding_is_as_good_as_before(name: str) -> None:
-    star = holding()
+def test_a_dead_thruster_is_found_within_10_s_and_left_out_holding_is_as_good_as_before(name: str) -> None:
+    star = holding(allocator={"leave_out_detected": True})
     sound = error(star)
     star.fault("thruster_dead", thruster=name)
     star.bus.run_until(lambda: bool(fault(star).lost), DETECTED_WITHIN_S)
@@ -62,6 +62,19 @@ def test_a_dead_thruster_is_found_within_10_s_and_holding_is_as_good_as_before(n
     star.bus.run_for(SETTLED_S)
     assert star.truth[-1].commands[name] == 0.0
     assert error(star) <= 2.0 * sound
+
+
+def test_by_default_a_detected_failure_is_told_and_an_operator_decides() -> None:
+    star = holding()
+    star.fault("thruster_dead", thruster="front_port")
+    star.bus.run_until(lambda: bool(fault(star).lost), DETECTED_WITHIN_S)
+    star.bus.run_for(2.0)
+    assert (health(star).failed, health(star).lost.keys()) == ({}, {"front_port"})
+    assert health(star).reason.startswith("front_port has lost")
+    star.bus.publish(topics.OPERATOR_ACTUATOR, OperatorActuator(client="test", actuator="front_port", works=False))
+    star.bus.run_for(0.2)
+    assert health(star).failed == {"front_port": "operator"}
+    assert star.truth[-1].commands["front_port"] == 0.0
 
 
 @pytest.mark.parametrize(("kind", "fraction"), [("thruster_weak", 0.8), ("thruster_stuck", 0.0)])
@@ -105,7 +118,7 @@ def test_what_an_operator_marks_is_left_out_even_after_a_restart_until_it_works_
 
 
 def test_a_second_failure_is_reported_and_not_left_out() -> None:
-    star = holding(allocator={"failed": ("rear_starboard",)})
+    star = holding(allocator={"failed": ("rear_starboard",), "leave_out_detected": True})
     star.fault("thruster_dead", thruster="front_port")
     star.bus.run_until(lambda: bool(fault(star).lost), 20.0)
     star.bus.run_for(0.1)
