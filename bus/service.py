@@ -102,6 +102,8 @@ class Input(Generic[M]):
         self._taken: list[M] = []
         self._last: dict[str, tuple[str, int, int]] = {}
         self._held_until_ns = 0
+        self.idle = True
+        """Whether `refresh` has nothing to do: most inputs, most of the time."""
 
     def offer(self, sample: bytes | Message, key: str = "") -> None:
         """Hand over a sample; called by the transport, from any thread. `key` matters to a topic of many keys only."""
@@ -109,6 +111,7 @@ class Input(Generic[M]):
         if len(self._pending) == self._pending.maxlen:
             self._miss(1)
         self._pending.append((key, number, sample))
+        self.idle = False
 
     def offer_retained(self, sample: bytes | Message, key: str = "") -> None:
         """Hand over the last value the hub kept, unless something newer came already."""
@@ -119,6 +122,7 @@ class Input(Generic[M]):
         """Count a sample that cannot be taken over."""
         self.malformed += 1
         self.problem = f"{self.topic.key}: dropped a malformed message: {reason}"
+        self.idle = False
 
     def due_ns(self, now_ns: int) -> int | None:
         """Return when the service should step for what was offered: now, after the interval, or None for not at all."""
@@ -135,7 +139,11 @@ class Input(Generic[M]):
         self.updated = False
         if self._taken:
             self._taken = []
-        if not (self._pending or self._arrived) or (self.min_interval_ns and self._held(now_ns)):
+        self.idle = True  # before a look at what is pending: another thread may offer more at any time
+        if not (self._pending or self._arrived):
+            return
+        self.idle = False  # `updated` and what is taken last until the next step
+        if self.min_interval_ns and self._held(now_ns):
             return
         self._decode_pending()
         if not self._arrived:

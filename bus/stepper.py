@@ -56,6 +56,8 @@ class Stepper:
         """Run one step and set when the next is due."""
         self._moment.now_ns = now_ns
         for port in self._inputs:
+            if port.idle:
+                continue
             port.refresh(now_ns)
             if port.problem:
                 self._tell_problem(port.topic.key, port.problem)
