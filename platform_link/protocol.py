@@ -11,6 +11,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 VERSION = 1
@@ -78,7 +79,12 @@ def _header(kind: int, seq: int, time_us: int, commands: Sequence[float]) -> byt
     count = len(scaled)
     if count and not -_MOST <= min(scaled) <= max(scaled) <= _MOST:
         scaled = [min(max(c, -_MOST), _MOST) for c in scaled]
-    return _HEADER.pack(VERSION, kind, seq & 0xFFFF, time_us & 0xFFFFFFFF, count) + struct.pack(f"<{count}h", *scaled)
+    return _HEADER.pack(VERSION, kind, seq & 0xFFFF, time_us & 0xFFFFFFFF, count) + _channels(count).pack(*scaled)
+
+
+@cache
+def _channels(count: int) -> struct.Struct:
+    return struct.Struct(f"<{count}h")
 
 
 class Decoder:
@@ -123,7 +129,7 @@ def _parse(body: bytes) -> Command | Telemetry | None:
     length = end + (_STATE.size if kind == _TELEMETRY else 0)
     if version != VERSION or kind not in (_COMMAND, _TELEMETRY) or len(body) != length:
         return None
-    commands = tuple([c / COMMANDS_PER_UNIT for c in struct.unpack_from(f"<{count}h", body, _HEADER.size)])
+    commands = tuple([c / COMMANDS_PER_UNIT for c in _channels(count).unpack_from(body, _HEADER.size)])
     if kind == _COMMAND:
         return Command(seq, time_us, commands)
     flags, battery, crc_errors, refused = _STATE.unpack_from(body, end)
@@ -135,16 +141,22 @@ def _parse(body: bytes) -> Command | Telemetry | None:
 
 def _cobs(content: bytes) -> bytes:
     """Return content without its zeros: each stretch up to one gets its length + 1 in front (Cheshire, Baker 1999)."""
-    return b"".join([bytes((len(part) + 1,)) + part for part in content.split(b"\0")])
+    frame, end = bytearray(b"\0" + content + b"\0"), len(content) + 1
+    code = 0
+    while code < end:  # a code stands where the zero before its stretch was
+        following = frame.index(0, code + 1)
+        frame[code] = following - code
+        code = following
+    return bytes(frame[:end])
 
 
 def _uncobs(chunk: bytes) -> bytes:
     """Return the content of a chunk, empty when its code bytes do not add up."""
     if len(chunk) > _MAX_ENCODED:
         return b""
-    parts, begin = [], 0
-    while begin < len(chunk):
-        end = begin + chunk[begin]
-        parts.append(chunk[begin + 1 : end])
-        begin = end
-    return b"\0".join(parts) if begin == len(chunk) else b""
+    content, code, end = bytearray(chunk), 0, len(chunk)
+    while code < end:
+        length = content[code]
+        content[code] = 0
+        code += length
+    return bytes(content[1:]) if code == end else b""

@@ -84,7 +84,7 @@ class CoupledDynamics:
         disturbance: Tau = UNDISTURBED,
     ) -> State:
         """Return the state dt_s later by one Runge-Kutta step with constant inputs; psi is not wrapped."""
-        return rk4(lambda s: self.derivative(s, tau, current_m_s, disturbance), state, dt_s)
+        return rk4(self.derivative, state, dt_s, tau, current_m_s, disturbance)
 
     def kinetic_energy(self, state: State) -> float:
         """Return the kinetic energy in J, of the water that moves along included."""

@@ -84,7 +84,7 @@ class SmallVesselDynamics:
         """Return the state dt_s later; tau in {B}, n_squared: mean squared command of the thrusters, both constant."""
         biased = (tau[0], tau[1], tau[2] + self.model.yaw_bias_nm * n_squared)
         model = self.at(n_squared)
-        return rk4(lambda s: model.derivative(s, biased, current_m_s, disturbance), state, dt_s)
+        return rk4(model.derivative, state, dt_s, biased, current_m_s, disturbance)
 
 
 def mean_square(commands: Sequence[float]) -> float:

@@ -63,7 +63,7 @@ class UncoupledModel:
         disturbance: Tau = UNDISTURBED,
     ) -> State:
         """Return the state dt_s later by one Runge-Kutta step with constant inputs; psi is not wrapped."""
-        return rk4(lambda s: self.derivative(s, tau, current_m_s, disturbance), state, dt_s)
+        return rk4(self.derivative, state, dt_s, tau, current_m_s, disturbance)
 
     def heave_acceleration(self, w_m_s: float, Z_n: float, disturbance_n: float = 0.0) -> float:
         """Return w' in m/s^2, thesis (2.31) with W - B; raise ValueError for a vessel that does not dive."""
