@@ -1,7 +1,8 @@
 # ruff: noqa: N803, N806, PLR0917 - symbols of the thesis
 """Distance keeping by thesis 8.2 in simulation: Algorithm 8.5 with VideoRay before a wall, and the laser's absence.
 
-`python -m benchmarks.distance_keeping PLOT.svg` draws what Fig. 8.16 and 8.17 show.
+`python -m benchmarks.distance_keeping PLOT.svg` draws what Fig. 8.16 and 8.17 show; with a RECORDING of the star as
+second argument it draws that, and prints what it says.
 """
 
 from __future__ import annotations
@@ -9,13 +10,20 @@ from __future__ import annotations
 import math
 import sys
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from benchmarks.result import Result
+from bus import topics
+from bus.messages import SimulationTruth
+from camera_tracker.laser.dots import DotTracker
+from camera_tracker.laser.ranging import laser_module
+from camera_tracker.laser.wall import WallCamera
+from logs.reader import Recording
 from marine.allocation import axis_limits
 from marine.control.distance import DistanceKeeping
 from marine.control.model_function import bessel
@@ -26,6 +34,8 @@ from marine.frames import wrap_angle
 from marine.identification import harmonic
 from marine.identification.result import Axis
 from marine.vessel import DegreeOfFreedom
+from services.cli.svg import Chart, write
+from services.simulator.laser import wall_ahead
 from services.vessels import load_vessel
 
 VIDEORAY = load_vessel("videoray")
@@ -60,16 +70,40 @@ class Log:
     phi_true: list[float] = field(default_factory=list)
 
 
+class Eye:
+    """The laser module as the star has it: a rendered picture of the dots, and what the dot tracker finds in it."""
+
+    def __init__(self, seed: int) -> None:
+        module = laser_module()
+        self._camera, self._dots = WallCamera(module, seed=seed), DotTracker(module)
+
+    def see(self, distance_m: float, phi_rad: float) -> Sight | None:
+        """Return what is seen of a wall at a distance square to it; nothing when the dots are not found."""
+        found = self._dots.read(self._camera.picture(distance_m / math.cos(phi_rad), phi_rad))
+        if found.distance_m is None or found.angle_rad is None:
+            return None
+        return Sight(found.angle_rad, found.distance_m * math.cos(found.angle_rad))
+
+
 class Wall:
     """VideoRay before a wall, with delays, limits and sensors of its vessel file; the wall's normal is x.
 
-    laser noise 5 mm and 1 degree, 10 % of the samples lost; compass 2 degrees of quantisation, a step late.
+    Laser noise 5 mm and 1 degree (with pictures: what the dot tracker makes of them), 10 % of the samples lost; compass
+    in steps of 2 degrees, a step late.
     drift_m_s: v_d, a current away from the wall; tether: the constant force and moment of the file's [bias], too.
     """
 
     def __init__(
-        self, seed: int, distance_m: float = 0.6, phi_rad: float = 0.1, *, drift_m_s: float = 0.0, tether: bool = True
+        self,
+        seed: int,
+        distance_m: float = 0.6,
+        phi_rad: float = 0.1,
+        *,
+        drift_m_s: float = 0.0,
+        tether: bool = True,
+        pictures: bool = False,
     ) -> None:
+        self._eye = Eye(seed) if pictures else None
         self._random = np.random.default_rng(seed)
         self._water = UncoupledModel(VIDEORAY.model)
         self._state: State = (-distance_m, 0.0, phi_rad, 0.0, 0.0, 0.0)
@@ -95,6 +129,8 @@ class Wall:
             return None
         d, phi, _ = self.truth
         noise = self._random.standard_normal(2)
+        if self._eye is not None:
+            return self._eye.see(d + 0.005 * noise[1], phi)
         return Sight(phi + math.radians(1.0) * noise[0], d + 0.005 * noise[1])
 
     def step(self, X: float, N: float) -> tuple[float, float]:
@@ -123,9 +159,11 @@ def identified_yaw(seed: int = 0, C: float = 0.1, x_a: float = math.radians(10.0
     return _identified(headings, moments, STEP_S, 0.2, "angular")
 
 
-def identified_surge(yaw: DegreeOfFreedom, seed: int = 0, C: float = 0.6, x_a: float = 0.05) -> DegreeOfFreedom:
+def identified_surge(
+    yaw: DegreeOfFreedom, seed: int = 0, C: float = 0.6, x_a: float = 0.05, *, pictures: bool = False
+) -> DegreeOfFreedom:
     """Algorithm 8.5 II, III: phi kept at zero with a differentiated heading, the self-oscillation of the distance."""
-    wall = Wall(seed)
+    wall = Wall(seed, pictures=pictures)
     keeping = DistanceKeeping(VIDEORAY.model.surge, yaw, bessel(3, W0_DISTANCE), bessel(3, W0_ANGLE), _X, _N)
     sight, X, normal = wall.laser() or Sight(0.0, 0.6), 0.0, wall.compass()
     past = deque([wall.compass()] * (LASER_EVERY + 1), maxlen=LASER_EVERY + 1)
@@ -212,8 +250,11 @@ def measure() -> list[Result]:
     off = np.array(log.true_m[300:]) - 0.5
     current = [e for v in (0.0, 0.01, 0.02) for e in blind_errors(surge, yaw, drift_m_s=v, tether=False, runs=8)]
     force = blind_errors(surge, yaw, drift_m_s=0.0, tether=True, runs=8)
+    seen = keep(Wall(1, pictures=True), identified_surge(yaw, pictures=True), yaw, 60.0, lambda _: 0.5)
+    off_seen = np.array(seen.true_m[300:]) - 0.5
     return [
         Result("distance_keeping_rms_mm", 1e3 * float(np.sqrt(np.mean(off**2)))),
+        Result("distance_keeping_with_pictures_rms_mm", 1e3 * float(np.sqrt(np.mean(off_seen**2)))),
         Result("distance_without_laser_5s_current_max_mm", 1e3 * max(current), goal=50.0),
         Result("distance_without_laser_5s_current_median_mm", 1e3 * float(np.median(current))),
         Result("distance_without_laser_5s_tether_max_mm", 1e3 * max(force), goal=50.0),
@@ -228,8 +269,6 @@ def ramp_and_step(t: float) -> float:
 
 def plot(path: Path) -> None:
     """Draw ramp and step of the reference (Fig. 8.16), and two absences of the laser (Fig. 8.17)."""
-    from services.cli.svg import Chart, write
-
     yaw = identified_yaw()
     surge = identified_surge(yaw)
 
@@ -245,5 +284,47 @@ def plot(path: Path) -> None:
     write(path, charts)
 
 
+def plot_recording(path: Path, recording: Recording) -> None:
+    """Draw the distance in a recording of the star, and print its errors: with the laser, and in each absence of it."""
+    walls = [e.message for e in recording.messages(topics.NAVIGATION_WALL) if e.message.distance_m is not None]
+    begin_s = next(e.message.stamp_ns * 1e-9 for e in recording.messages(topics.HELM_STATE) if e.message.distance_m)
+
+    def curve(messages: Iterable[Any], value: Callable[[Any], float | None]) -> tuple[list[float], list[float]]:
+        pairs = [(m.stamp_ns * 1e-9 - begin_s, value(m)) for m in messages]
+        kept = [(t, v) for t, v in pairs if t >= 0.0 and v is not None]
+        return [t for t, _ in kept], [v for _, v in kept]
+
+    def told(topic: topics.Topic[Any]) -> Iterable[Any]:
+        return (entry.message for entry in recording.messages(topic))
+
+    def true(m: SimulationTruth) -> float:
+        ahead_m, angle_rad = wall_ahead(VIDEORAY.pool, m.x_m, m.y_m, m.psi_rad)
+        return (ahead_m - VIDEORAY.radius_m) * math.cos(angle_rad)
+
+    t_wanted, wanted = curve(told(topics.HELM_STATE), lambda m: m.distance_m)
+    t_true, is_true = curve(told(topics.SIMULATION_TRUTH), true)
+    chart = Chart("Mode distance on the star, recorded", "t, s", "distance, m")
+    chart.line(t_wanted, wanted, "wanted")
+    chart.line(t_true[::3], is_true[::3], "true")
+    chart.line(*curve(walls, lambda m: m.distance_m), "estimated")
+    write(path, [chart])
+    t, off = np.array(t_true), np.array(is_true) - np.interp(t_true, t_wanted, wanted)
+    blind = [m.stamp_ns * 1e-9 - begin_s for m in walls if m.status == "predicting"]
+    for absence in np.split(np.array(blind), np.flatnonzero(np.diff(blind) > 1.0) + 1):
+        if len(absence) and np.ptp(absence) > 2.0:
+            within = (t >= absence[0]) & (t <= absence[-1])
+            print(f"no dots until {absence[-1]:.0f} s: largest error {1e3 * np.abs(off[within]).max():.0f} mm")
+    settled = np.array([t_wanted[-1] > at > 15.0 and np.ptp(_during(t_wanted, wanted, at)) == 0.0 for at in t_true])
+    print(f"at rest: RMS {1e3 * float(np.sqrt(np.mean(off[settled] ** 2))):.1f} mm")
+
+
+def _during(t_s: list[float], values: list[float], at_s: float, before_s: float = 12.0) -> list[float]:
+    """Return the values of the last seconds before a time."""
+    return [value for t, value in zip(t_s, values, strict=True) if at_s - before_s <= t <= at_s] or [0.0, 1.0]
+
+
 if __name__ == "__main__":
-    plot(Path(sys.argv[1]))
+    if len(sys.argv) > 2:
+        plot_recording(Path(sys.argv[1]), Recording(Path(sys.argv[2])))
+    else:
+        plot(Path(sys.argv[1]))

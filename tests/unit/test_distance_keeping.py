@@ -132,6 +132,18 @@ def test_algorithm_8_5_keeps_distance_and_angle(identified: tuple[DegreeOfFreedo
     assert np.abs(np.array(log.u) - np.array(log.u_true))[100:].max() < 0.06
 
 
+def test_algorithm_8_5_from_end_to_end_with_rendered_pictures() -> None:
+    """Self-oscillations of yaw (compass) and surge (dots in pictures), design, 0.5 m kept, 5 s without dots."""
+    yaw = identified_yaw()
+    surge = identified_surge(yaw, pictures=True)
+    assert surge.alpha == pytest.approx(SURGE.alpha, rel=0.15)
+    assert surge.beta_quadratic == pytest.approx(SURGE.beta_quadratic, rel=0.35)
+    log = keep(Wall(4, pictures=True), surge, yaw, 55.0, lambda _: 0.5, lambda t: 45.0 <= t < 50.0)
+    off = np.abs(np.array(log.true_m) - 0.5)
+    assert off[300:450].max() < 0.03
+    assert off[450:].max() < 0.05
+
+
 def test_five_seconds_without_the_laser_in_a_constant_current(
     identified: tuple[DegreeOfFreedom, DegreeOfFreedom],
 ) -> None:
