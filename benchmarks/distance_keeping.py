@@ -315,7 +315,7 @@ def plot_recording(path: Path, recording: Recording) -> None:
             within = (t >= absence[0]) & (t <= absence[-1])
             print(f"no dots until {absence[-1]:.0f} s: largest error {1e3 * np.abs(off[within]).max():.0f} mm")
     settled = np.array([t_wanted[-1] > at > 15.0 and np.ptp(_during(t_wanted, wanted, at)) == 0.0 for at in t_true])
-    print(f"at rest: RMS {1e3 * float(np.sqrt(np.mean(off[settled] ** 2))):.1f} mm")
+    print(f"from 12 s after a wish on: RMS {1e3 * float(np.sqrt(np.mean(off[settled] ** 2))):.1f} mm")
 
 
 def _during(t_s: list[float], values: list[float], at_s: float, before_s: float = 12.0) -> list[float]:
