@@ -23,6 +23,7 @@ from bus.topics import Qos, Topic
 from bus.units import unit_of
 from marine.actuators import Drive
 from marine.control.laws import laws_document
+from marine.guidance.abilities import AXIS_NAMES
 from marine.vessel import INSTRUMENTS, Vessel
 from ui.session import Update
 from ui.tuning import Previews
@@ -183,6 +184,7 @@ def system_document(vessel: Vessel, title: str = "") -> dict[str, Any]:
         for name, has in (
             ("camera_tracker", "camera" in kinds),
             ("camera_calibration", "camera" in kinds),
+            ("laser_tracker", "laser" in kinds),
             ("sensors", kinds & INSTRUMENTS),
         )
         if not has
@@ -197,7 +199,7 @@ def system_document(vessel: Vessel, title: str = "") -> dict[str, Any]:
         "thrusters": [dataclasses.asdict(t) | {"max_n": Drive(t).upper} for t in vessel.thrusters],
         "actuators": [a.name for a in vessel.actuators],
         "sensors": [s.kind for s in vessel.sensors],
-        "axes": ["surge", "sway", "yaw"],
+        "axes": [AXIS_NAMES[axis] for axis in vessel.controlled],
         "laws": laws_document(),
         "hold_w0_rad_s": vessel.hold_w0_rad_s,
         "services": sorted(publishers - {"*", topics.OPERATOR}),

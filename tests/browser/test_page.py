@@ -292,10 +292,10 @@ def test_services_devices_and_recording_are_shown(page: Page) -> None:
     expect(page.locator("#health .devices")).to_contain_text("connected")
 
 
-def test_a_thruster_is_marked_as_failed_and_works_again(page: Page, star: FakeStar) -> None:
+def test_a_thruster_is_left_out_and_works_again(page: Page, star: FakeStar) -> None:
     page.click("[data-tab=health]")
     row = page.locator("#actuators tbody[data-actuator=front_port]")
-    row.get_by_role("button").click()
+    row.get_by_role("button", name="Leave it out").click()
     expect(row).to_have_attribute("data-level", "error")
     expect(row).to_contain_text("failed (operator)")
     expect(page.locator("#banner")).to_contain_text("front_port has failed")
@@ -303,6 +303,51 @@ def test_a_thruster_is_marked_as_failed_and_works_again(page: Page, star: FakeSt
     row.get_by_role("button", name="Works again").click()
     expect(row).to_have_attribute("data-level", "ok")
     assert star.vessel.failed == {}
+
+
+def test_a_detected_failure_is_left_out_from_the_banner(page: Page, star: FakeStar) -> None:
+    expect(page.locator("#banner-action")).to_be_hidden()
+    told = m.ActuatorHealth(lost={"rear_port": 0.93}, reason="rear_port has lost 93 % of its thrust")
+    star.publish(topics.ACTUATOR_HEALTH, told)
+    expect(page.locator("#banner")).to_contain_text("rear_port has lost 93 %")
+    page.click("#banner-action")
+    wait_for(lambda: star.vessel.failed == {"rear_port": "operator"}, "the operator's word")
+    expect(page.locator("#banner")).to_contain_text("rear_port has failed (operator)")
+    expect(page.locator("#banner-action")).to_be_hidden()
+
+
+def asked_for(star: FakeStar, mode: m.Mode) -> m.OperatorRequest:
+    """Return the newest request for a mode, as soon as there is one."""
+    wait_for(lambda: any(request.mode == mode for request in star.requests), f"a request for {mode}")
+    return [request for request in star.requests if request.mode == mode][-1]
+
+
+def test_speed_and_heading_are_asked_for_with_their_references(page: Page, star: FakeStar) -> None:
+    page.fill("#ref-psi", "90")
+    page.fill("#ref-speed", "0.15")
+    page.click("#speed")
+    asked = asked_for(star, "speed")
+    assert (asked.speed_m_s, asked.x_m) == (0.15, None)
+    assert asked.psi_rad == pytest.approx(math.pi / 2, abs=1e-3)
+    expect(page.locator("#speed")).to_have_attribute("aria-pressed", "true")
+    page.click("#heading")
+    asked = asked_for(star, "heading")
+    assert (asked.speed_m_s, asked.psi_rad) == (None, None)
+    expect(page.locator("#depth")).to_have_count(0)  # this vessel does not dive
+    expect(page.locator("#heave-stick")).to_be_hidden()
+
+
+def test_an_experiment_asks_for_what_it_uses_on_axes_that_there_are(page: Page, star: FakeStar) -> None:
+    page.click("[data-tab=experiment]")
+    form = page.locator("#experiment-form")
+    assert form.locator("[name=axis] option").all_inner_texts() == ["yaw", "surge", "sway"]
+    form.locator("[name=axis]").select_option("surge")
+    expect(form).to_contain_text("turn back at, m")
+    form.locator("[name=hysteresis]").fill("0.3")
+    form.locator("[name=name]").select_option("step")
+    expect(form.locator("[name=hysteresis]")).to_be_disabled()
+    page.click("#experiment-start")
+    assert asked_for(star, "experiment").experiment == m.ExperimentPlan(name="step", axis="surge")
 
 
 def test_a_fault_goes_to_the_simulator(page: Page, star: FakeStar) -> None:

@@ -3,24 +3,26 @@
 import { DEG, fixed, h, text } from "./format.js";
 
 const NAMES = ["self-oscillation", "zigzag", "step", "pull-out", "prbs"];
+const TURNING = ["self-oscillation", "zigzag"]; // reverse the force at a distance, so many times
+const AXES = ["yaw", "surge", "sway", "heave"];
 const WIDTH = 420;
 const HEIGHT = 150;
 const SVG = "http://www.w3.org/2000/svg";
 
 export class Experiment {
-  constructor(helm, store) {
+  constructor(helm, store, system) {
     Object.assign(this, { helm, store, shown: "", estimates: [] });
     const choice = (name, label, values) => h("label", {}, h("span", { class: "label" }, label),
       h("select", { name }, ...values.map((value) => h("option", { value }, value))));
     const number = (name, label, value, attributes = {}) => h("label", {}, h("span", { class: "label" }, label),
       h("input", { name, type: "number", value, ...attributes }));
-    this.form = h("form", { class: "fault", id: "experiment-form", onsubmit: (event) => this.start(event) },
-      h("div", { class: "inputs" }, choice("name", "experiment", NAMES), choice("axis", "axis", ["yaw", "surge", "sway", "heave"]),
-        choice("direction", "first push", ["+", "-"])),
-      h("div", { class: "inputs" }, number("amplitude", "force, % of the largest", "50", { min: 1, max: 100 }),
-        number("hysteresis", "reverse at, ° or m", "", { step: "any", placeholder: "chosen" }),
-        number("oscillations", "oscillations", "5", { min: 2, max: 50 })),
+    this.form = h("form", { id: "experiment-form", onsubmit: (event) => this.start(event), onchange: () => this.fit() },
+      choice("name", "experiment", NAMES), choice("axis", "axis", AXES.filter((axis) => system.axes.includes(axis))),
+      choice("direction", "first push", ["+", "-"]), number("amplitude", "force, % of the most", "50", { min: 1, max: 100 }),
+      number("hysteresis", "", "", { step: "any", placeholder: "chosen for you" }),
+      number("oscillations", "oscillations", "5", { min: 2, max: 50 }),
       h("button", { type: "submit", id: "experiment-start" }, "Start"));
+    this.fit();
     this.bar = h("progress", { max: "1", value: "0" });
     this.line = h("p", { class: "note", id: "experiment-status" });
     this.advice = h("p", { class: "note" });
@@ -29,11 +31,20 @@ export class Experiment {
     document.querySelector("#experiment").append(this.form, this.bar, this.line, this.advice, this.live, this.result);
   }
 
+  /** What the chosen experiment does not use cannot be typed; the place to turn back is an angle or a distance. */
+  fit() {
+    const { name, axis, hysteresis, oscillations } = this.form.elements;
+    const turning = TURNING.includes(name.value);
+    for (const input of [hysteresis, oscillations]) input.disabled = !turning;
+    text(hysteresis.previousElementSibling, `turn back at, ${axis.value === "yaw" ? "°" : "m"}`);
+  }
+
   start(event) {
     event.preventDefault();
     const given = Object.fromEntries(new FormData(this.form));
     const plan = { name: given.name, axis: given.axis, direction: given.direction === "+" ? 1 : -1,
-      amplitude: Number(given.amplitude) / 100, oscillations: Number(given.oscillations) };
+      amplitude: Number(given.amplitude) / 100 };
+    if (given.oscillations) plan.oscillations = Number(given.oscillations);
     if (given.hysteresis && given.axis === "yaw") plan.hysteresis_rad = Number(given.hysteresis) / DEG;
     else if (given.hysteresis) plan.hysteresis_m = Number(given.hysteresis);
     this.helm.ask("experiment", { experiment: plan });

@@ -7,7 +7,7 @@ export class Faults {
   constructor(link, store, system) {
     Object.assign(this, { link, store, system });
     this.button = document.querySelector("#faults-button");
-    const box = document.querySelector("#faults");
+    const box = (this.element = document.querySelector("#faults"));
     const numbers = (name, label, value, step) => h("label", {}, h("span", { class: "label" }, label), h("input", { name, type: "number", value, step }));
     const thruster = () => h("select", { name: "thruster", "aria-label": "Thruster" }, ...system.actuators.map((name) => h("option", {}, name)));
     box.append(
@@ -15,11 +15,11 @@ export class Faults {
       this.row("camera_shift", "Camera shifted", numbers("x_px", "x, px", "10", "1"), numbers("y_px", "y, px", "0", "1")),
       this.row("camera_black", "Black picture"),
       this.row("thruster_dead", "Thruster dead", thruster()),
-      this.row("thruster_weak", "Thruster weak", thruster(), numbers("fraction", "lost", "0.6", "0.1")),
+      this.row("thruster_weak", "Thruster weak", thruster(), numbers("fraction", "lost, 0 to 1", "0.6", "0.1")),
       this.row("thruster_stuck", "Thruster stuck", thruster()),
       ...(system.sensors.includes("laser") ? [this.row("laser_lost", "Laser dots lost")] : []),
       this.row("board", "Calibration board"),
-      this.row("dropout", "Frames lost", numbers("fraction", "part", "0.5", "0.1")),
+      this.row("dropout", "Frames lost", numbers("fraction", "lost, 0 to 1", "0.5", "0.1")),
       h("button", { type: "button", class: "wide", onclick: () => this.send({ kind: "clear" }, "All faults cleared") }, "Clear all faults"),
     );
   }
@@ -41,5 +41,10 @@ export class Faults {
 
   tick() {
     this.button.hidden = !this.store.get("simulation/truth");
+    const order = this.store.get("simulation/fault");
+    if (!order || order.stamp_ns === this.seen) return;
+    this.seen = order.stamp_ns;
+    for (const form of this.element.querySelectorAll("form"))
+      if (["clear", form.dataset.kind].includes(order.kind)) form.dataset.active = order.kind !== "clear" && order.active;
   }
 }

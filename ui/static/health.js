@@ -42,12 +42,15 @@ export class Health {
   }
 
   actuatorRow(name) {
-    const say = (works) => {
-      if (this.link.send({ type: "actuator", actuator: name, works })) toast(works ? `${name} shall work again` : `${name} is left out`);
-      else toast("No connection to the server.", { level: "error" });
-    };
-    const button = h("button", { type: "button", onclick: () => say(button.dataset.works === "true") });
-    return h("tbody", { "data-actuator": name }, h("tr", {}, h("th", { scope: "row" }, name), h("td", { class: "num" }), h("td", { class: "num" }), h("td", {}, button)));
+    const button = (label, works) => h("button", { type: "button", onclick: () => this.say(name, works) }, label);
+    return h("tbody", { "data-actuator": name }, h("tr", {}, h("th", { scope: "row" }, name), h("td", { class: "num" }), h("td", { class: "num" }),
+      h("td", { class: "actions" }, button("Leave it out", false), button("Works again", true))));
+  }
+
+  /** The operator's word about an actuator: the allocator follows it. */
+  say(name, works) {
+    if (this.link.send({ type: "actuator", actuator: name, works })) toast(works ? `${name} shall work again` : `${name} is left out`);
+    else toast("No connection to the server.", { level: "error" });
   }
 
   showActuators() {
@@ -62,9 +65,9 @@ export class Health {
       const how = lost[name] ? `, ${fixed(lost[name] * 100, 0)} % lost` : "";
       text(state, failed[name] ? `failed (${failed[name]}${how})` : bad ? `weak (detected${how})` : suspected === name ? "suspected" : "works");
       text(command, fixed(commands[name], 1));
-      const button = action.firstElementChild;
-      button.dataset.works = Boolean(bad);
-      text(button, bad ? "Works again" : "Mark as failed");
+      const [leaveOut, worksAgain] = action.children;
+      leaveOut.hidden = name in failed;
+      worksAgain.hidden = !bad;
     }
   }
 
@@ -126,7 +129,7 @@ export class Health {
     lamp("lamp-services", levels.includes("error") ? "error" : good < levels.length || levels.includes("warn") ? "warn" : "ok", `Services ${good}/${levels.length}`);
   }
 
-  /** Everything that must be shouted now, worst first: [level, title, detail]. */
+  /** Everything that must be shouted now, worst first: [level, title, detail, what to do about it]. */
   alarms() {
     const now = performance.now();
     if (!this.link.connectedOnce && now < 1500) return [];
@@ -144,7 +147,9 @@ export class Health {
     if (!state) alarms.push(["warn", "No position", " The estimator is silent."]);
     else if (state.status === "lost") alarms.push(["warn", "Position lost", " The camera does not see the vessel."]);
     const health = this.store.fresh("actuator/health", DEAD_S);
-    if (health?.reason) alarms.push(["warn", "Actuator", ` ${health.reason}`]);
+    const detected = Object.keys(health?.lost ?? {}).find((name) => !(name in health.failed));
+    const leaveOut = detected && { label: `Leave ${detected} out`, run: () => this.say(detected, false) };
+    if (health?.reason) alarms.push(["warn", "Actuator", ` ${health.reason}`, leaveOut]);
     if (link?.state === "disconnected") alarms.push(["warn", "Radio link down", ` ${link.error}`]);
     return alarms;
   }
@@ -158,5 +163,10 @@ export class Health {
     banner.dataset.level = level;
     text(banner.children[0], title);
     text(banner.children[1], detail + alarms.slice(1).map((alarm) => ` · ${alarm[1]}`).join(""));
+    const action = alarms.find((alarm) => alarm[3])?.[3];
+    const button = banner.children[2];
+    button.hidden = !action;
+    text(button, action?.label ?? "");
+    button.onclick = action?.run;
   }
 }

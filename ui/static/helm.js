@@ -8,6 +8,7 @@ const ANSWER_MS = 1500;
 const NAMES = { stop: "stopped", manual: "manual", hold: "holding", heading: "keeping heading", experiment: "experiment",
   depth: "keeping depth", speed: "keeping speed", line: "following line", path: "following path", distance: "keeping distance" };
 const ACCEPTED = { stop: "Stopped", manual: "You have the stick", experiment: "The experiment begins",
+  heading: "Keeping the heading", speed: "Keeping the speed", depth: "Keeping the depth",
   distance: "Keeping the distance", line: "Following the line", path: "Following the path" };
 
 /** The wall ahead, of a vessel with a laser module. */
@@ -92,7 +93,7 @@ export class Helm {
     const wish = this.waiting.get(request_id);
     if (!this.waiting.delete(request_id)) return;
     if (accepted) {
-      if (wish.mode === "hold") this.reference.clear();
+      if (["hold", "heading", "speed"].includes(wish.mode)) this.reference.clear();
       if (wish.pose.points) this.route.clear();
       toast(ACCEPTED[wish.mode] ?? "Holding");
       return;

@@ -9,6 +9,7 @@ import { Health } from "./health.js";
 import { Helm } from "./helm.js";
 import { Link } from "./link.js";
 import { PoolMap } from "./map.js";
+import { Modes } from "./modes.js";
 import { Plots } from "./plots.js";
 import { Reference } from "./reference.js";
 import { Route } from "./route.js";
@@ -19,7 +20,6 @@ import { toast } from "./toasts.js";
 import { Tune } from "./tune.js";
 
 const STICK_MS = 50;
-const CENTRE = { surge: 0, sway: 0, yaw: 0 };
 
 const fetchJson = async (path) => (await fetch(path)).json();
 const [system, topics] = await Promise.all([fetchJson("/api/system"), fetchJson("/api/topics")]);
@@ -45,11 +45,12 @@ const route = new Route(system);
 const helm = new Helm(link, store, reference, route);
 const map = new PoolMap(store, system, reference, route);
 const camera = new CameraView(store, system);
-const sticks = new Sticks();
+const modes = new Modes(helm, reference, system);
+const sticks = new Sticks(system.axes.includes("heave"));
 const plots = new Plots(store, system, unitOf);
 const table = new Table(store, plots, describe);
 const health = new Health(store, link, system);
-const experiment = new Experiment(helm, store);
+const experiment = new Experiment(helm, store, system);
 const tune = new Tune(helm, link, store, system);
 const faults = new Faults(link, store, system);
 const calibration = new Calibration(link, store);
@@ -57,7 +58,9 @@ const calibration = new Calibration(link, store);
 /** The reference in force, or where the vessel is: what a new choice starts from. */
 function acting() {
   const state = helm.state;
-  return state?.mode === "hold" && state.x_m != null ? state : store.get("navigation/state");
+  const pose = store.get("navigation/state");
+  if (state?.mode === "hold" && state.x_m != null) return state;
+  return pose && { x_m: pose.x_m, y_m: pose.y_m, psi_rad: state?.psi_rad ?? pose.psi_rad };
 }
 
 let aliveAt = 0;
@@ -83,6 +86,7 @@ function onImage(key, header, jpeg) {
 
 // --- joystick: repeated while this page has the stick, centred too, so that the helm knows we are there
 
+const CENTRE = { surge: 0, sway: 0, yaw: 0 };
 let sent = CENTRE;
 setInterval(() => {
   if (sticks.readGamepad().stop && helm.state?.mode !== "stop") helm.stop();
@@ -155,6 +159,7 @@ setInterval(() => {
   calibration.tick();
   camera.tick();
   helm.show();
+  modes.show();
 }, 250);
 
 // --- for tests and for the curious at the console

@@ -287,19 +287,24 @@ export class PoolMap {
     this.drawPush(c, state);
   }
 
-  /** Arrows along the force of each thruster on the vessel, full length at full command; a cross on a failed one. */
+  /** Arrows along the force of each thruster on the vessel, full length at full command; a cross on one left out, a ring on one said to fail. */
   drawThrusters(c) {
     const commands = this.store.fresh("actuator/command", 1)?.commands ?? {};
-    const failed = this.store.get("actuator/health")?.failed ?? {};
+    const { failed = {}, lost = {} } = this.store.get("actuator/health") ?? {};
     const full = this.system.radius_m * 0.9;
     for (const { name, x_m, y_m, angle_rad, n_max } of this.system.thrusters) {
       c.fillStyle = "#56707e";
       c.beginPath();
       c.arc(x_m, y_m, 0.025, 0, 7);
       c.fill();
+      c.strokeStyle = "#ff5d5d";
+      c.lineWidth = 2.5 / this.scale;
+      if (lost[name] && !failed[name]) {
+        c.beginPath();
+        c.arc(x_m, y_m, 0.07, 0, 7);
+        c.stroke();
+      }
       if (failed[name]) {
-        c.strokeStyle = "#ff5d5d";
-        c.lineWidth = 2.5 / this.scale;
         const d = 0.06;
         line(c, [x_m - d, y_m - d, x_m + d, y_m + d]);
         line(c, [x_m - d, y_m + d, x_m + d, y_m - d]);

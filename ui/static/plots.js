@@ -7,7 +7,7 @@ const COLOURS = ["#4fc3df", "#f2b84b", "#8ee6a4", "#ff8a65", "#a99bf5", "#f28bb0
 const PERIOD_MS = 125;
 const MAX_CHARTS = 8;
 const SAVED = "starboard.plots";
-const LEAST_SPAN = { m: 0.02, "°": 1, "m/s": 0.02, "°/s": 1 };
+const LEAST_SPAN = { "": 0.1, N: 0.02, Nm: 0.002, m: 0.02, "°": 1, "m/s": 0.02, "°/s": 1 };
 
 export class Plots {
   /** `unitOf(key, path)` gives the unit on the bus; angles are drawn in degrees. */

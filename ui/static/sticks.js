@@ -2,9 +2,9 @@
 
 const DEAD_ZONE = 0.08;
 const KEYS = {
-  KeyW: [1, 0, 0], ArrowUp: [1, 0, 0], KeyS: [-1, 0, 0], ArrowDown: [-1, 0, 0],
-  KeyD: [0, 1, 0], ArrowRight: [0, 1, 0], KeyA: [0, -1, 0], ArrowLeft: [0, -1, 0],
-  KeyE: [0, 0, 1], KeyQ: [0, 0, -1],
+  KeyW: { surge: 1 }, ArrowUp: { surge: 1 }, KeyS: { surge: -1 }, ArrowDown: { surge: -1 },
+  KeyD: { sway: 1 }, ArrowRight: { sway: 1 }, KeyA: { sway: -1 }, ArrowLeft: { sway: -1 },
+  KeyE: { yaw: 1 }, KeyQ: { yaw: -1 }, KeyF: { heave: 1 }, KeyR: { heave: -1 },
 };
 
 const clamp = (value) => Math.max(-1, Math.min(1, value));
@@ -17,12 +17,12 @@ function beyondDeadZone(value) {
 
 export const isTyping = (event) => event.target.matches?.("input, textarea, select");
 
-/** One on-screen stick: x and y in [-1, 1], y downwards; zero when let go. */
+/** One on-screen stick: x and y in [-1, 1], y downwards; zero when let go. `only` "x" or "y": a slider. */
 class Stick {
-  constructor(element, horizontalOnly = false) {
+  constructor(element, only = "") {
     this.element = element;
     this.knob = element.querySelector(".knob");
-    this.horizontalOnly = horizontalOnly;
+    this.only = only;
     this.x = this.y = 0;
     this.pointer = null;
     element.addEventListener("pointerdown", (event) => {
@@ -41,9 +41,9 @@ class Stick {
 
   move(event) {
     const box = this.element.getBoundingClientRect();
-    const reach = (this.horizontalOnly ? box.width : Math.min(box.width, box.height)) / 2 - this.knob.offsetWidth / 2;
-    let x = (event.clientX - box.left - box.width / 2) / reach;
-    let y = this.horizontalOnly ? 0 : (event.clientY - box.top - box.height / 2) / reach;
+    const reach = (this.only ? Math.max(box.width, box.height) : Math.min(box.width, box.height)) / 2 - this.knob.offsetWidth / 2;
+    const x = this.only === "y" ? 0 : (event.clientX - box.left - box.width / 2) / reach;
+    const y = this.only === "x" ? 0 : (event.clientY - box.top - box.height / 2) / reach;
     const length = Math.max(1, Math.hypot(x, y));
     [this.x, this.y] = [x / length, y / length];
   }
@@ -63,9 +63,13 @@ class Stick {
 }
 
 export class Sticks {
-  constructor() {
+  /** dives: there is a stick for heave, too (positive: down, as z). */
+  constructor(dives = false) {
     this.stick = new Stick(document.querySelector("#stick"));
-    this.yaw = new Stick(document.querySelector("#yaw-stick"), true);
+    this.yaw = new Stick(document.querySelector("#yaw-stick"), "x");
+    this.heave = new Stick(document.querySelector("#heave-stick"), "y");
+    this.dives = dives;
+    for (const element of document.querySelectorAll("#heave-stick, [data-heave]")) element.hidden = !dives;
     this.pressed = new Set();
     this.gentle = false;
     this.driving = false; // whether the stick acts: only then are the arrow keys taken from scrolling
@@ -88,34 +92,33 @@ export class Sticks {
     this.pressed.clear();
     this.stick.release();
     this.yaw.release();
+    this.heave.release();
   }
 
-  /** {surge, sway, yaw} in [-1, 1] from everything that is deflected now. */
+  /** {surge, sway, yaw}, and heave of a vessel that dives, in [-1, 1] from everything that is deflected now. */
   read() {
     const pad = this.readGamepad();
-    let surge = beyondDeadZone(-this.stick.y) + pad.surge;
-    let sway = beyondDeadZone(this.stick.x) + pad.sway;
-    let yaw = beyondDeadZone(this.yaw.x) + pad.yaw;
+    const command = { surge: beyondDeadZone(-this.stick.y) + pad.surge, sway: beyondDeadZone(this.stick.x) + pad.sway, yaw: beyondDeadZone(this.yaw.x) + pad.yaw };
+    if (this.dives) command.heave = beyondDeadZone(this.heave.y) + pad.heave;
     const size = this.gentle ? 0.35 : 1;
-    for (const code of this.pressed) {
-      const [ds, dw, dy] = KEYS[code];
-      [surge, sway, yaw] = [surge + ds * size, sway + dw * size, yaw + dy * size];
-    }
-    return { surge: clamp(surge), sway: clamp(sway), yaw: clamp(yaw) };
+    for (const code of this.pressed) for (const [axis, sign] of Object.entries(KEYS[code])) if (axis in command) command[axis] += sign * size;
+    for (const axis of Object.keys(command)) command[axis] = clamp(command[axis]);
+    return command;
   }
 
   readGamepad() {
     const pad = document.hasFocus() ? [...(navigator.getGamepads?.() ?? [])].find((p) => p?.connected) : undefined;
     this.gamepadName = pad ? pad.id.split("(")[0].trim() : "";
-    if (!pad) return { surge: 0, sway: 0, yaw: 0, stop: false };
+    if (!pad) return { surge: 0, sway: 0, heave: 0, yaw: 0, stop: false };
     const axis = (index) => beyondDeadZone(pad.axes[index] ?? 0);
-    return { surge: -axis(1), sway: axis(0), yaw: axis(2), stop: pad.buttons[1]?.pressed ?? false };
+    return { surge: -axis(1), sway: axis(0), heave: axis(3), yaw: axis(2), stop: pad.buttons[1]?.pressed ?? false };
   }
 
-  show({ surge, sway, yaw }) {
-    this.stick.show(sway, -surge);
-    this.yaw.show(yaw, 0);
-    for (const [axis, value] of Object.entries({ surge, sway, yaw })) {
+  show(command) {
+    this.stick.show(command.sway, -command.surge);
+    this.yaw.show(command.yaw, 0);
+    if (this.dives) this.heave.show(0, command.heave);
+    for (const [axis, value] of Object.entries(command)) {
       const cell = document.querySelector(`#stick-values [data-axis=${axis}]`);
       const shown = `${Math.round(value * 100)} %`.replace("-", "−");
       if (cell.textContent !== shown) cell.textContent = shown;
