@@ -293,10 +293,6 @@ class Wrench(Message):
     pitch_nm: float | None = None
     yaw_nm: float | None = None
 
-    def components(self) -> dict[str, float | None]:
-        """Return the six components by their fields, in N and Nm."""
-        return {field: getattr(self, field) for field in WRENCH_FIELDS}
-
     def vector(self) -> tuple[float, float, float, float, float, float]:
         """Return [X, Y, Z, K, M, N] in N and Nm, zero where a component is null."""
         return (
@@ -421,6 +417,9 @@ class ExperimentPlan(BaseModel):
     hysteresis_rad: float | None = Field(None, gt=0, le=3.0, description="the same for yaw")
     oscillations: int = Field(5, ge=2, le=50, description="consecutive ones that must agree; zigzag: whole turns")
     duration_s: float | None = Field(None, gt=0, le=3600, description="longest duration")
+    sensor: Literal["laser"] | None = Field(
+        None, description="laser: surge by the distance from the wall, which the vessel faces; none: as configured"
+    )
 
     @property
     def hysteresis(self) -> float | None:

@@ -136,19 +136,19 @@ class Allocator(Service):
         tau = wrench.vector()
         answer = self._allocation.solve(tau, U, now_s - self._before_s)
         self._publish(answer.commands, U, wrench.origin_ns)
-        attained, demanded = answer.attained, wrench.components()
+        attained = answer.attained
         missed = any(abs(attained[axis] - tau[axis]) > tolerance for axis, tolerance in self._tolerances)
-        given = {
-            field: value
-            for field, value in zip(WRENCH_FIELDS, attained, strict=True)
-            if field in self._controlled or demanded[field] is not None
-        }
+        told: dict[str, float] = {}
+        for field, demanded_field, value in zip(WRENCH_FIELDS, _DEMANDED_FIELDS, attained, strict=True):
+            if (demanded := getattr(wrench, field)) is not None:
+                told[demanded_field] = demanded
+            if demanded is not None or field in self._controlled:
+                told[field] = value
         self.attained.publish(
             AttainedWrench(
                 origin_ns=wrench.origin_ns,
                 limited=missed or any(tau[axis] for axis in self._ignored),
-                **given,
-                **dict(zip(_DEMANDED_FIELDS, demanded.values(), strict=True)),
+                **told,
             )
         )
 

@@ -30,6 +30,7 @@ from services.helm_modes import (
     EXPERIMENT,
     MANUAL,
     MODES,
+    WALL_LAW,
     Checks,
     Reference,
     Refused,
@@ -62,6 +63,11 @@ class Lease:
     def excludes(self, client: str, now_s: float) -> bool:
         """Whether another client is kept out."""
         return self.attended and self.holder not in ("", client) and now_s < self.expires_s
+
+
+def _law(mode: Mode, plan: ExperimentPlan | None) -> str:
+    """Return what the controller runs: with the laser it faces the wall in an experiment, too."""
+    return WALL_LAW if plan and plan.sensor == "laser" else MODES[mode].law
 
 
 class Helm(Service):
@@ -191,12 +197,13 @@ class Helm(Service):
     def _enter(self, request: OperatorRequest, mode: Mode, now_s: float) -> str:
         self._checks.rule(mode)
         reference = Reference()
+        plan = self._checked_plan(request) if mode == "experiment" else None
         if mode != "manual":
-            pose, problem = self._pose(now_s, mode)
+            pose, problem = self._pose(now_s, mode, _law(mode, plan))
             if pose is None:
                 raise Refused(f"no {mode} without a pose: {problem}")
             reference = self._checks.reference(request, mode, pose, self.wall.fresh(now_s))
-        self._plan = self._checked_plan(request) if mode == "experiment" else None
+        self._plan = plan
         self._request = request.request_id
         entering = mode != self._mode
         self._mode, self._reference, self._fault = mode, reference, False
@@ -212,6 +219,10 @@ class Helm(Service):
         component = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "N"}[plan.axis]
         if component not in self.vessel.controlled:
             raise Refused(f"{self.vessel.name} has no actuators for {plan.axis}")
+        if plan.sensor == "laser":
+            self._checks.rule("distance")
+            if plan.axis != "surge":
+                raise Refused(f"a laser module measures surge, not {plan.axis}")
         return plan
 
     def _hold_here(self, reason: str) -> None:
@@ -268,7 +279,7 @@ class Helm(Service):
     def _pass_on_or_suspend(self, now_s: float) -> None:
         """Pass on the wrench of the sources in charge while they and the pose are fresh; else suspend, later stop."""
         wrench, problem = self._demand(now_s)
-        state, lost = self._pose(now_s, self._mode)
+        state, lost = self._pose(now_s, self._mode, _law(self._mode, self._plan))
         problem = lost or problem
         if not problem and wrench is not None and state is not None:
             if self._suspended_at_s is not None or self._mode == "experiment":
@@ -288,23 +299,24 @@ class Helm(Service):
             return None, "no wrench from the controller"
         if self._plan and part is None:
             return None, "no wrench from the experiment"
-        stick, demand = self._stick(now_s), {}
-        for axis, source in self._sources().items():
+        sources, demand = self._sources(), {}
+        stick = self._stick(now_s) if MANUAL in sources.values() else {}
+        for axis, source in sources.items():
             field = AXIS_FIELDS[axis]
             value = stick[field] if source == MANUAL else getattr(part if source == EXPERIMENT else control, field)
             if value is not None:
                 demand[field] = value
         return demand, ""
 
-    def _pose(self, now_s: float, mode: Mode) -> tuple[NavigationState | None, str]:
+    def _pose(self, now_s: float, mode: Mode, law: str) -> tuple[NavigationState | None, str]:
         """Return the estimated state if it may be used in this mode, or None and why not.
 
-        A distance is kept by the wall: the pose may be lost meanwhile.
+        What goes by the wall may lose the pose meanwhile.
         """
         state = self.navigation.fresh(now_s)
         if state is None:
             return None, "the estimator is silent"
-        if mode == "distance":
+        if law == WALL_LAW:
             wall = self.wall.fresh(now_s)
             seen = wall is not None and wall.status != "lost"
             return (state, "") if seen else (None, "the laser module has not seen the wall for too long")
@@ -367,7 +379,7 @@ class Helm(Service):
                 request_id=self._request,
                 guard=guarded,
                 sources=self._sources(),
-                law=MODES[self._mode].law,
+                law=_law(self._mode, self._plan),
                 experiment=self._plan,
                 experiment_run=self._request if self._plan else "",
                 holder=self._lease.holder,

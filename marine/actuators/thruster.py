@@ -50,7 +50,9 @@ class Drive:
         self._n_min, self._n_max = actuator.lowest, actuator.n_max
         self._dead_zone, self._integer = actuator.dead_zone, actuator.integer
         self._forward, self._backward = self.curve.forward, self.curve.backward
+        self._thrusts: dict[float, float] = {}
         self._whole, self._between = self._whole_commands() if self._integer else ([], [])
+        self._thrusts = {n: self.thrust(n) for n in self._whole}  # asked for with every command
         self.lower = min(0.0, self.thrust(self._n_min))
         """Thrust in N (a direct command: its force or moment) at the most negative command."""
         self.upper = max(0.0, self.thrust(self._n_max))
@@ -63,6 +65,9 @@ class Drive:
 
     def thrust(self, command: float) -> float:
         """Return the thrust in N of a command: saturated, and zero within the dead zone."""
+        known = self._thrusts.get(command)
+        if known is not None:
+            return known
         n = max(self._n_min, min(self._n_max, command))
         return self.curve.thrust(n) if abs(n) > self._dead_zone else 0.0
 

@@ -17,7 +17,7 @@ from typing import Self
 
 import numpy as np
 
-from marine.estimation.ekf import Array, EkfTuning, PoseEkf, Verdict
+from marine.estimation.ekf import Array, EkfTuning, PoseEkf, Verdict, inverse
 from marine.frames import wrap_angle
 from marine.vessel import HorizontalModel
 
@@ -128,7 +128,12 @@ class FaultDetector:
         self._prior = np.diag(np.power(errors, -2.0))
         self._width = 2 * n + 2 * _AXES
         windows = tuning.windows
-        self._error = np.zeros((9, windows, self._width))
+        self._error = np.zeros((9, windows * self._width))
+        """What each hypothesis does to the filter's state, those of one window after those of the other."""
+        self._forces = np.zeros((_AXES, windows, self._width))
+        self._diagonals = [self._forces[:, :, at : at + _AXES].diagonal(axis1=0, axis2=2) for at in (n, n + _AXES)]
+        for diagonal in self._diagonals:
+            diagonal.flags.writeable = True
         self._information = np.zeros((windows, self._width, self._width))
         self._score = np.zeros((windows, self._width))
         self._energy, self._count = np.zeros(windows), np.zeros(windows)
@@ -174,7 +179,7 @@ class FaultDetector:
 
     def _begin(self, window: int, thrusts: Array) -> None:
         """Let a window ask for failures that begin now."""
-        self._error[:, window] = 0.0
+        self._error.reshape(9, -1, self._width)[:, window] = 0.0
         self._information[window] = self._score[window] = 0.0
         self._energy[window] = self._count[window] = 0.0
         self._origin[window] = thrusts
@@ -182,47 +187,44 @@ class FaultDetector:
     def _predict(self, ekf: PoseEkf, dt_s: float, thrusts: Array) -> None:
         n = self._size
         tau = self._columns @ (thrusts * (1.0 - self.lost))
-        psi, before = ekf.state[2], np.array(ekf.state[3:])
-        drag = np.array([axis.drag(nu) for axis, nu in zip(self._axes, before.tolist(), strict=True)])
-        F = ekf.predict(dt_s, (float(tau[0]), float(tau[1]), float(tau[2])))
-        forces = np.zeros((_AXES, self.tuning.windows, self._width))
+        _, _, psi, *nu = ekf.state
+        drag = np.array([axis.drag(speed) for axis, speed in zip(self._axes, nu, strict=True)])
+        X, Y, N = tau.tolist()
+        F = ekf.predict(dt_s, (X, Y, N))
+        forces, (of_drag, of_inertia), h = self._forces, self._diagonals, 0.5 * dt_s
         forces[:, :, :n] = (self._columns * thrusts)[:, None, :]
         forces[:, :, -n:] = self._columns[:, None, :] * (thrusts - self._origin)
-        for axis in range(_AXES):
-            forces[axis, :, n + axis] = drag[axis]
-            forces[axis, :, n + _AXES + axis] = tau[axis] - drag[axis]
-        gained = -dt_s / self._inertia[:, None, None] * forces
-        c, s = 0.5 * dt_s * math.cos(psi), 0.5 * dt_s * math.sin(psi)
-        error = (F @ self._error.reshape(9, -1)).reshape(self._error.shape)
-        error[0] += c * gained[0] - s * gained[1]
-        error[1] += s * gained[0] + c * gained[1]
-        error[2] += 0.5 * dt_s * gained[2]
+        of_drag[:] = drag
+        of_inertia[:] = tau - drag
+        gained = (-dt_s / self._inertia)[:, None] * forces.reshape(_AXES, -1)
+        c, s = math.cos(psi), math.sin(psi)
+        self._error = error = F.dot(self._error)
+        error[:3] += np.array([(h * c, -h * s, 0.0), (h * s, h * c, 0.0), (0.0, 0.0, h)]).dot(gained)
         error[3:6] += gained
-        self._error = error
 
     def _update(self, ekf: PoseEkf, x_m: float, y_m: float, psi_rad: float) -> Verdict:
         x, y, psi = ekf.state[:3]
         innovation = np.array([x_m - x, y_m - y, wrap_angle(psi_rad - psi)])
         PH = ekf.covariance[:, :3]
-        S_inverse = np.linalg.inv(PH[:3] + self._noise)
+        S_inverse = np.array(inverse((PH[:3] + self._noise).tolist()))
         verdict = ekf.update(x_m, y_m, psi_rad)
         if verdict is not Verdict.USED:
             return verdict
-        signature = self._error[:3].transpose(1, 0, 2)
-        weighted = S_inverse @ signature
-        self._information += signature.transpose(0, 2, 1) @ weighted
-        self._score += innovation @ weighted
-        energy = float(innovation @ S_inverse @ innovation)
+        signature, shape = self._error[:3], (_AXES, *self._score.shape)
+        weighted = S_inverse.dot(signature)
+        self._information += signature.reshape(shape).transpose(1, 2, 0) @ weighted.reshape(shape).transpose(1, 0, 2)
+        self._score += innovation.dot(weighted).reshape(self._score.shape)
+        energy = float(innovation.dot(S_inverse).dot(innovation))
         self._surprise += 0.2 * (energy / _AXES - self._surprise)
         self._energy += energy
         self._count += 1.0
-        self._error = self._error - (PH @ weighted.transpose(1, 0, 2).reshape(_AXES, -1)).reshape(self._error.shape)
+        self._error -= PH.dot(weighted)
         return verdict
 
     def _likeliest(self) -> tuple[Finding | None, bool]:
         """Return the likeliest failure, and whether it is certain."""
         t, n = self.tuning, self._size
-        own = np.maximum(np.diagonal(self._information, axis1=1, axis2=2), 1e-12)
+        own = np.maximum(self._information.diagonal(0, 1, 2), 1e-12)
         alone = np.square(np.maximum(self._score, 0.0)) / own
         alone[:, n:-n] = 0.0
         if alone.max() < t.threshold:  # 2 ln of the ratio if the model were exact: at most

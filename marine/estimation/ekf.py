@@ -129,7 +129,7 @@ class PoseEkf:
         P = self.covariance
         PH = P[:, :3]
         e_x, e_y, e_psi = x_m - x, y_m - y, wrap_angle(psi_rad - psi)
-        S_inverse = _inverse((PH[:3] + (self._noise if noise is None else noise)).tolist())
+        S_inverse = inverse((PH[:3] + (self._noise if noise is None else noise)).tolist())
         (a, b, c), (_, d, e), (_, _, f) = S_inverse
         w = (a * e_x + b * e_y + c * e_psi, b * e_x + d * e_y + e * e_psi, c * e_x + e * e_y + f * e_psi)
         if not w[0] * e_x + w[1] * e_y + w[2] * e_psi <= self.tuning.gate:  # not a number is refused, too
@@ -174,7 +174,7 @@ def _decay(dof: DegreeOfFreedom, nu: float, dt_s: float) -> float:
     return 1.0 - dt_s * (dof.beta + 2.0 * dof.beta_quadratic * abs(nu)) / dof.alpha
 
 
-def _inverse(S: list[list[float]]) -> tuple[tuple[float, float, float], ...]:
+def inverse(S: list[list[float]]) -> tuple[tuple[float, float, float], ...]:
     """Return the inverse of a symmetric positive 3 x 3 matrix: a tenth of what numpy.linalg.inv costs."""
     (a, b, c), (_, d, e), (_, _, f) = S
     A, B, C = d * f - e * e, c * e - b * f, b * e - c * d

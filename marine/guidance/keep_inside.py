@@ -77,8 +77,8 @@ class PoolGuard:
         if i == len(self._way):
             return self._speeds[-1], self._slopes[-1]
         share = (distance_m - self._way[i - 1]) / (self._way[i] - self._way[i - 1])
-        speed, slope = (a[i - 1] + share * (a[i] - a[i - 1]) for a in (self._speeds, self._slopes))
-        return speed, slope
+        v, w = self._speeds, self._slopes
+        return v[i - 1] + share * (v[i] - v[i - 1]), w[i - 1] + share * (w[i] - w[i - 1])
 
     def kept(
         self, tau: Vector3, eta: Vector3, nu: Vector3, push: Vector3, std_m: tuple[float, float]
@@ -88,7 +88,9 @@ class PoolGuard:
         push: estimated disturbance in {E}; std_m: of the estimated place.
         """
         c, s = math.cos(eta[2]), math.sin(eta[2])
-        velocity = (c * nu[0] - s * nu[1], s * nu[0] + c * nu[1])
+        u, v, r = nu
+        velocity = (c * u - s * v, s * u + c * v)
+        drag_u, drag_v = self._surge.drag(u), self._sway.drag(v)
         caps: list[tuple[float, float, float, str]] = []  # normal in {E}, largest force along it, name
         for axis, side, size, name in self._walls:
             distance = size - eta[axis] if side > 0.0 else eta[axis]
@@ -96,20 +98,14 @@ class PoolGuard:
             room = distance - self._margin_m - 2.0 * std_m[axis] - REACTION_S * max(0.0, speed)
             safe, slope = self.safe(room)
             rate = CATCH_1_S * (safe - speed) - slope * speed
-            normal_in_body = (side * s, side * c) if axis else (side * c, -side * s)
-            most = self._most(normal_in_body, nu, rate, side * push[axis])
+            ahead, aside = (side * s, side * c) if axis else (side * c, -side * s)  # the wall's normal in {B}
+            alpha = self._surge.alpha * ahead * ahead + self._sway.alpha * aside * aside
+            drag = drag_u * ahead + drag_v * aside
+            turned = r * (aside * u - ahead * v)  # (2.33) has no Coriolis force: the velocity turns with the vessel
+            most = alpha * (rate - turned) + drag - side * push[axis]
             caps.append((0.0, side, most, name) if axis else (side, 0.0, most, name))
         kept, walls = (self._to_all_sides if self._limits[1] else self._ahead_and_astern)(tau, eta[2], caps)
         return kept, f"before the wall at {' and '.join(walls)}" if walls else ""
-
-    def _most(self, normal_in_body: tuple[float, float], nu: Vector3, rate: float, push_n: float) -> float:
-        """Return the force that gives an acceleration towards a wall, N."""
-        ahead, aside = normal_in_body
-        u, v, r = nu
-        alpha = self._surge.alpha * ahead * ahead + self._sway.alpha * aside * aside
-        drag = self._surge.drag(u) * ahead + self._sway.drag(v) * aside
-        turned = r * (aside * u - ahead * v)  # (2.33) has no Coriolis force: the velocity turns with the vessel
-        return alpha * (rate - turned) + drag - push_n
 
     def _to_all_sides(
         self, tau: Vector3, psi: float, caps: list[tuple[float, float, float, str]]
