@@ -35,7 +35,7 @@ from marine.identification.experiments import Experiment, ExperimentError, Motio
 from marine.identification.record import compare, response
 from marine.identification.result import IdentificationError, Identified
 from marine.vessel import DegreeOfFreedom, Vessel
-from services.experiment_run import FIELDS, Run, Watch, as_parameters, room, running_estimate, sensor_of
+from services.experiment_run import FIELDS, Run, Watch, as_parameters, room, room_before, running_estimate, sensor_of
 from services.identified_vessel import IdentifiedVesselError, write_models, write_vessel
 
 STATUS_PERIOD_S = 0.2
@@ -75,6 +75,8 @@ class Experiments(Service):
     compass = Input(topics.SENSOR_COMPASS, queue=32)
     position = Input(topics.SENSOR_POSITION, queue=32)
     depth = Input(topics.SENSOR_DEPTH, queue=32)
+    laser = Input(topics.SENSOR_LASER, queue=32)
+    wall = Input(topics.NAVIGATION_WALL, max_age_s=0.5)
     link = Input(topics.LINK_STATUS)
     delivered = Input(topics.ACTUATOR_DELIVERED, queue=64)
     former = Input(topics.EXPERIMENT_STATUS)  # of a process before this one, from the hub
@@ -133,17 +135,22 @@ class Experiments(Service):
             )
             return
         try:
-            machine = self._design(plan, state)
+            machine = self._design(plan, state, now_s)
         except ExperimentError as error:
             self._tell(ExperimentStatus(state="failed", reason=str(error)[:400], **name), now_s)
             return
-        self._measured(plan.axis).take()  # what came before
+        self._measured(plan.axis, plan.sensor).take()  # what came before
         live = running_estimate(machine.setup.dof, plan.axis, machine.setup.C, self._delay_s)
         self._run = Run(helm.experiment_run, plan, machine, Watch(plan.axis, live, state), state)
         self._tell(ExperimentStatus(state="running", **name), now_s)
         self._push(self._run, state, now_s)
 
-    def _design(self, plan: ExperimentPlan, state: NavigationState) -> Experiment:
+    def _room(self, plan: ExperimentPlan, state: NavigationState, now_s: float) -> tuple[float, float]:
+        if plan.sensor == "laser":
+            return room_before(self.wall.fresh(now_s), self._vessel)
+        return room(self._vessel.pool, self._vessel.radius_m, plan.axis, state)
+
+    def _design(self, plan: ExperimentPlan, state: NavigationState, now_s: float) -> Experiment:
         dof = _dof(self._vessel, plan.axis)
         if plan.axis == "heave" and state.z_m is None:
             raise ExperimentError("no depth is measured")
@@ -157,7 +164,7 @@ class Experiments(Service):
             hysteresis=plan.hysteresis,
             count=plan.oscillations,
             longest_s=plan.duration_s or self._config.longest_s,
-            room_m=room(self._vessel.pool, self._vessel.radius_m, plan.axis, state),
+            room_m=self._room(plan, state, now_s),
         )
 
     def _go_on(self, run: Run, helm: HelmState | None, state: NavigationState | None, now_s: float) -> None:
@@ -173,14 +180,14 @@ class Experiments(Service):
         if problem or state is None:
             self._end(run, "failed", problem, now_s)
             return
-        run.take(self._measured(run.plan.axis).take(), self.delivered.take(), self._vessel.name)
+        run.take(self._measured(run.plan.axis, run.plan.sensor).take(), self.delivered.take(), self._vessel.name)
         self._tell_estimate(run.watch, run.run, now_s)
         if self.navigation.updated:
             self._push(run, state, now_s, helm.guard if helm else "")
 
-    def _measured(self, axis: ExperimentAxis) -> Input[Any]:
+    def _measured(self, axis: ExperimentAxis, sensor: Literal["laser"] | None = None) -> Input[Any]:
         """Return the port of the sensor that an axis is recorded from."""
-        port: Input[Any] = getattr(self, sensor_of(self._vessel, axis, self._config.instruments))
+        port: Input[Any] = getattr(self, sensor_of(self._vessel, axis, self._config.instruments, sensor))
         return port
 
     @property
@@ -192,7 +199,7 @@ class Experiments(Service):
         return known + self._vessel.actuation_delay_s
 
     def _push(self, run: Run, state: NavigationState, now_s: float, guard: str = "") -> None:
-        ahead_m, behind_m = room(self._vessel.pool, self._vessel.radius_m, run.plan.axis, state)
+        ahead_m, behind_m = self._room(run.plan, state, now_s)
         nu = {
             "surge": state.surge_m_s,
             "sway": state.sway_m_s,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -18,12 +19,14 @@ from bus.messages import (
     NavigationState,
     SensorCompass,
     SensorDepth,
+    SensorLaser,
     SensorPosition,
+    WallState,
     Wrench,
 )
 from marine.dynamics.step_response import time_constant
 from marine.identification.experiments import Experiment
-from marine.identification.record import Record, on_grid
+from marine.identification.record import LONGEST_GAP_S, Record, on_grid
 from marine.identification.result import Axis, IdentificationError, Identified
 from marine.identification.running import RunningEstimate
 from marine.vessel import DegreeOfFreedom, Pool, Vessel
@@ -32,8 +35,10 @@ FIELDS = {"surge": "surge_n", "sway": "sway_n", "heave": "heave_n", "yaw": "yaw_
 _WINDOWS_S = (0.6, 3.0)
 """Shortest and longest window of the running estimate."""
 _LEAST_QUALITY = 0.3
+_LASER_GAP_S = 2.1
+"""Three pairs of dots in a row may be lost: they come at 2 Hz, and every tenth is."""
 
-Measurement = CameraPose | SensorCompass | SensorPosition | SensorDepth
+Measurement = CameraPose | SensorCompass | SensorPosition | SensorDepth | SensorLaser
 
 
 def kind_of(axis: ExperimentAxis) -> Axis:
@@ -61,6 +66,7 @@ class Watch:
     live: RunningEstimate
     begun: NavigationState | None = None
     _heading_rad: float | None = None
+    _wall_m: float | None = None
 
     def take(
         self, measurements: Iterable[Measurement], wrenches: Iterable[Wrench], name: str
@@ -105,7 +111,17 @@ class Watch:
             return self._unwrapped(one.psi_rad) if self.axis == "yaw" else self.way(one.x_m, one.y_m, 0.0)
         if isinstance(one, SensorCompass):
             return self._unwrapped(one.psi_rad)
+        if isinstance(one, SensorLaser):
+            return self._off_the_wall(one)
         return self.way(0.0, 0.0, one.z_m) if isinstance(one, SensorDepth) else self.way(one.x_m, one.y_m, 0.0)
+
+    def _off_the_wall(self, one: SensorLaser) -> float | None:
+        """Return the way towards the wall since the first sample with both dots."""
+        if one.distance_m is None or one.angle_rad is None:
+            return None
+        distance_m = one.distance_m * math.cos(one.angle_rad)
+        self._wall_m = distance_m if self._wall_m is None else self._wall_m
+        return self._wall_m - distance_m
 
     def _unwrapped(self, psi_rad: float) -> float:
         before = psi_rad if self._heading_rad is None else self._heading_rad
@@ -128,7 +144,12 @@ class Run:
     psi_rad: float | None = None
 
     def eta(self, state: NavigationState) -> float:
-        """Return the way along the axis, or the angle turned, since the start, as estimated."""
+        """Return the way along the axis, or the angle turned, since the start: estimated, by the laser as measured.
+
+        The filter of the wall believes in the model that is to be identified.
+        """
+        if self.plan.sensor == "laser":
+            return self.measured[-1][1] if self.measured else 0.0
         if self.plan.axis != "yaw":
             return self.watch.way(state.x_m, state.y_m, state.z_m or 0.0)
         before = self.begun.psi_rad if self.psi_rad is None else self.psi_rad
@@ -158,6 +179,7 @@ class Run:
             end_s=self.machine.ended_s or t[-1],
             sample_s=sample_s,
             delay_s=delay_s,
+            longest_gap_s=_LASER_GAP_S if self.plan.sensor == "laser" else LONGEST_GAP_S,
         )
 
 
@@ -169,17 +191,27 @@ def as_parameters(found: Identified) -> tuple[IdentifiedParameter, ...]:
     )
 
 
-def sensor_of(vessel: Vessel, axis: ExperimentAxis, instruments: bool | None) -> str:
-    """Return which port an axis is recorded from: pose, compass, position or depth.
+def sensor_of(
+    vessel: Vessel, axis: ExperimentAxis, instruments: bool | None, sensor: Literal["laser"] | None = None
+) -> str:
+    """Return which port an axis is recorded from: pose, compass, position, depth or the sensor that the plan names.
 
     instruments: take them although there is a camera; None: only where there is none.
     """
-    if axis == "heave":
-        return "depth"
+    if sensor or axis == "heave":
+        return sensor or "depth"
     port = "compass" if axis == "yaw" else "position"
     has = vessel.sensor("compass" if axis == "yaw" else "position") is not None
     camera = vessel.sensor("camera") is not None or not vessel.sensor("position")
     return port if has and (instruments or not camera) else "pose"
+
+
+def room_before(wall: WallState | None, vessel: Vessel) -> tuple[float, float]:
+    """Return the way ahead to the wall, in m, and behind to where the laser module does not see it any more."""
+    laser = vessel.sensor("laser")
+    if laser is None or wall is None or wall.distance_m is None:
+        return 0.0, 0.0
+    return wall.distance_m, (laser.range_max or math.inf) - wall.distance_m
 
 
 def room(pool: Pool, radius_m: float, axis: str, state: NavigationState) -> tuple[float, float]:

@@ -46,6 +46,8 @@ class ModeRule:
     reference: tuple[str, ...] = ()
 
 
+WALL_LAW = "distance"
+"""The law that goes by navigation/wall instead of the pose."""
 _POSE = ("x_m", "y_m", "psi_rad")
 MODES: Mapping[Mode, ModeRule] = {
     "stop": ModeRule(),
@@ -71,7 +73,7 @@ MODES: Mapping[Mode, ModeRule] = {
         reference=("psi_rad", "speed_m_s"),
     ),
     "distance": ModeRule(
-        law="distance",
+        law=WALL_LAW,
         controller=HORIZONTAL,
         needs=("X", "N"),
         keeps_depth=True,

@@ -54,11 +54,12 @@ def on_grid(
     end_s: float,
     sample_s: float | None = None,
     delay_s: float = 0.0,
+    longest_gap_s: float = LONGEST_GAP_S,
 ) -> Record:
     """Return a record on one grid: eta by straight lines, tau (held from each of its times on) as means of cells.
 
-    eta_s, tau_s: times in s, rising; sample_s: of the grid, None: median of eta_s. Raises IdentificationError for
-    gaps, and where nothing was recorded.
+    eta_s, tau_s: times in s, rising; sample_s: of the grid, None: median of eta_s; longest_gap_s: between two
+    times. Raises IdentificationError for gaps, and where nothing was recorded.
     """
     inside = (eta_s >= begin_s) & (eta_s <= end_s)
     if inside.sum() < 8 or len(tau_s) < 2:
@@ -68,7 +69,7 @@ def on_grid(
         steps = np.diff(times)
         if len(steps) and steps.min() < 0.0:
             raise IdentificationError(f"time of the {name} goes backward at {times[int(np.argmin(steps))]:.3f} s")
-        if len(steps) and steps.max() > LONGEST_GAP_S:
+        if len(steps) and steps.max() > longest_gap_s:
             raise IdentificationError(
                 f"{name}: gap of {steps.max():.2f} s at {times[int(np.argmax(steps))] - t[0]:.2f} s"
             )

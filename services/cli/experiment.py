@@ -48,6 +48,9 @@ def experiment(  # noqa: PLR0917 - typer makes options of them
     hysteresis_deg: Annotated[float | None, typer.Option(help="The same for yaw.")] = None,
     oscillations: Annotated[int, typer.Option(min=2, max=50, help="Consecutive ones that must agree.")] = 5,
     duration_s: Annotated[float | None, typer.Option(help="Longest duration.")] = None,
+    laser: Annotated[
+        bool, typer.Option("--laser", help="Surge by the distance from the wall ahead, facing it.")
+    ] = False,
     take: Annotated[bool, typer.Option("--take", help="Take over from a page that has the helm.")] = False,
     file: Annotated[Path | None, typer.Option(help="Of a campaign: its TOML file.")] = None,
     levels: Annotated[int, typer.Option(min=4, max=50, help="Of pull: forces each way.")] = 6,
@@ -81,6 +84,7 @@ def experiment(  # noqa: PLR0917 - typer makes options of them
             hysteresis_rad=None if hysteresis_deg is None else math.radians(hysteresis_deg),
             oscillations=oscillations,
             duration_s=duration_s,
+            sensor="laser" if laser else None,
         )
     except ValidationError as error:
         raise CliError(first_line(error)) from None

@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
@@ -28,7 +28,15 @@ class LaserStar(Star):
 
     kinds: ClassVar[tuple[type[Service], ...]] = (*Star.kinds, LaserTracker)
 
-    def __init__(self, folder: Path, *, distance_m: float = 0.7, psi_rad: float = 3.0) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        distance_m: float = 0.7,
+        psi_rad: float = 3.0,
+        vessel: str = "videoray",
+        unknown: dict[str, Any] | None = None,
+    ) -> None:
         world = {
             "laser_pictures": True,
             "x_m": BOW_M + distance_m,
@@ -36,7 +44,7 @@ class LaserStar(Star):
             "current_x_m_s": 0.0,
             "current_std_m_s": 0.0,
         }
-        super().__init__(vessel="videoray", deployment=Deployment(run_dir=folder), simulator=world)
+        super().__init__(vessel=vessel, deployment=Deployment(run_dir=folder), unknown=unknown, simulator=world)
 
     def until(self, found: Callable[[WallState], bool], seconds: float = 5.0) -> None:
         """Run until the wall is so."""
