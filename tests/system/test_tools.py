@@ -18,9 +18,11 @@ import pytest
 
 from benchmarks.running_star import ROOT, RunningStar, wait_for
 from bus import topics
+from bus.clock import NS
 from bus.messages import NavigationState
 from bus.service import RawSample
 from bus.zenoh_bus import ZenohBus
+from logs.reader import Recording
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(120)]
 
@@ -45,7 +47,8 @@ def test_get_takes_key_expressions(star: RunningStar) -> None:
     rows = json.loads(star.cli("get", "navigation/*", "--json").stdout)
     assert [r["key"] for r in rows] == ["navigation/state"]
     rows = json.loads(star.cli("get", "actuator/**", "--json").stdout)
-    assert {r["key"] for r in rows} == {"actuator/attained", "actuator/command", "actuator/delivered"}
+    assert {r["key"] for r in rows} >= {"actuator/attained", "actuator/command", "actuator/delivered"}
+    assert all(r["key"].startswith("actuator/") for r in rows)
     assert all(r["age_s"] < 2.0 for r in rows)
     bad = star.cli("get", "navigation/*x")
     assert bad.returncode == 2
@@ -205,8 +208,11 @@ def test_a_log_is_played_beside_the_live_vessel(star: RunningStar) -> None:
             states.append(NavigationState.decode(sample.payload))
 
     played.subscribe("**", hear)
+    recording = Recording(log)
+    first_s = (next(recording.messages(topics.NAVIGATION_STATE)).log_ns - recording.start_ns) / NS
+    span = ("--from", f"{first_s:.3f}", "--to", f"{first_s + 2.0:.3f}")
     begin_s = time.monotonic()
-    done = star.cli("play", str(log), "--from", "1", "--to", "3", "--speed", "2", "--topics", "navigation/*", "--json")
+    done = star.cli("play", str(log), *span, "--speed", "2", "--topics", "navigation/*", "--json")
     assert done.returncode == 0, done.stderr
     assert time.monotonic() - begin_s > 0.9
     told = json.loads(done.stdout)
