@@ -27,6 +27,7 @@ from bus.memory_bus import MemoryBus
 from bus.service import Input, Output, Service
 from bus.topics import Topic
 from camera_tracker.calibration_service import CameraCalibration
+from marine.vessel import Vessel
 from services.simulator.board import HELD_S, MOVED_S
 from services.simulator.camera import Renderer
 from services.vessels import load_vessel
@@ -282,10 +283,11 @@ class FakeVessel(Service):
 class FakeStar:
     """The star on a `MemoryBus`, kept to real time by a thread of its own."""
 
-    def __init__(self, port: int = 0, recordings: Path = Path("recordings")) -> None:
+    def __init__(self, port: int = 0, recordings: Path = Path("recordings"), vessel: Vessel = VESSEL) -> None:
+        """vessel: the one that the page is told of."""
         self.helm, self.vessel = FakeHelm(), FakeVessel()
         self.calibration = CameraCalibration(Deployment(recordings_dir=recordings))
-        self.page = Page(PageConfig(port=port), VESSEL)
+        self.page = Page(PageConfig(port=port), vessel)
         self.joysticks: list[m.OperatorJoystick] = []
         self.requests: list[m.OperatorRequest] = []
         self.paused = False

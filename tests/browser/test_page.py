@@ -12,6 +12,7 @@ from playwright.sync_api import Browser, Page, ViewportSize, expect, sync_playwr
 from bus import messages as m
 from bus import topics
 from bus.service import RawSample
+from services.vessels import load_vessel
 from tests.browser.fake_star import FakeStar, wait_for
 
 pytestmark = pytest.mark.browser
@@ -335,6 +336,25 @@ def test_speed_and_heading_are_asked_for_with_their_references(page: Page, star:
     assert (asked.speed_m_s, asked.psi_rad) == (None, None)
     expect(page.locator("#depth")).to_have_count(0)  # this vessel does not dive
     expect(page.locator("#heave-stick")).to_be_hidden()
+
+
+def test_a_vessel_that_dives_has_a_stick_for_heave_and_mode_depth_but_no_hold_without_sway(browser: Browser) -> None:
+    star = FakeStar(vessel=load_vessel("videoray"))
+    with star.running(), browser.new_context(viewport=TABLET) as context:
+        page = open_page(context.new_page(), star.url)
+        expect(page.locator("#hold")).to_be_hidden()
+        take_stick(page)
+        page.keyboard.down("f")
+        wait_for(lambda: star.joysticks and star.joysticks[-1].heave == 1.0, "the stick down")
+        page.keyboard.up("f")
+        wait_for(lambda: star.joysticks[-1].heave == 0.0, "the stick at rest")
+        push_stick(page, "#heave-stick", 0.0, -60.0)
+        wait_for(lambda: star.joysticks[-1].heave < -0.5, "the stick up")
+        page.mouse.up()
+        page.fill("#ref-depth", "0.4")
+        page.click("#depth")
+        assert asked_for(star, "depth").z_m == 0.4
+        expect(page.locator("#depth")).to_have_attribute("aria-pressed", "true")
 
 
 def test_an_experiment_asks_for_what_it_uses_on_axes_that_there_are(page: Page, star: FakeStar) -> None:

@@ -35,7 +35,7 @@ class Wall {
 }
 
 export class Helm {
-  constructor(link, store, reference, route) {
+  constructor(link, store, reference, route, system) {
     Object.assign(this, { link, store, reference, route });
     this.waiting = new Map(); // request_id -> {mode, reference}
     this.requests = 0;
@@ -50,6 +50,7 @@ export class Helm {
     document.querySelector("#stop").onclick = () => this.stop();
     this.manualButton.onclick = () => this.manual();
     this.holdButton.onclick = () => this.hold();
+    this.holdButton.hidden = !["surge", "sway", "yaw"].every((axis) => system.axes.includes(axis));
   }
 
   get state() {
@@ -136,7 +137,8 @@ export class Helm {
   lease(state) {
     if (!state) return "The helm is silent.";
     const reason = state.reason ? ` · ${state.reason}` : "";
-    if (this.reference.chosen) return `Chosen: ${this.reference.describe()}. Press Hold to go there.`;
+    const use = this.holdButton.hidden ? "Heading and Speed take its heading." : "Press Hold to go there; Heading and Speed take its heading.";
+    if (this.reference.chosen) return `Chosen: ${this.reference.describe()}. ${use}`;
     if (state.holder === this.link.client) return `You have the helm${reason}`;
     return (state.holder ? `${state.holder} has the helm` : "Nobody has the helm") + reason;
   }

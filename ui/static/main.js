@@ -42,7 +42,7 @@ const store = new Store();
 const link = new Link({ onFrame, onImage });
 const reference = new Reference(system, acting);
 const route = new Route(system);
-const helm = new Helm(link, store, reference, route);
+const helm = new Helm(link, store, reference, route, system);
 const map = new PoolMap(store, system, reference, route);
 const camera = new CameraView(store, system);
 const modes = new Modes(helm, reference, system);
@@ -133,7 +133,7 @@ document.querySelector("#lamp-services").onclick = () => {
 function showReadout() {
   const state = store.fresh("navigation/state", 1);
   const shown = { x: fixed(state?.x_m, 3), y: fixed(state?.y_m, 3), psi: fixed(state?.psi_rad * DEG, 1),
-    u: fixed(state?.surge_m_s, 3), v: fixed(state?.sway_m_s, 3), r: fixed(state?.yaw_rad_s * DEG, 1) };
+    u: fixed(state?.surge_m_s, 3), v: fixed(state?.sway_m_s, 3), r: fixed(state?.yaw_rad_s * DEG, 1), z: fixed(state?.z_m, 2), w: fixed(state?.heave_m_s, 3) };
   for (const [field, value] of Object.entries(shown)) text(document.querySelector(`#readout [data-field=${field}]`), value);
   document.querySelector("#readout").dataset.status = state?.status ?? "lost";
   document.querySelector("#legend-truth").hidden = !store.get("simulation/truth");

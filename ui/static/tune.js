@@ -70,10 +70,10 @@ export class Tune {
     if (result && result.run !== this.seen) this.takeResult(result);
     const status = this.store.get("experiment/status");
     if (status && status.state !== "idle") this.showStatus(status);
-    const open = this.link.open && this.proposal !== null;
-    this.engage.disabled = !open || Boolean(this.refused.textContent);
-    this.discard.disabled = !open;
-    this.back.disabled = !open || (!gains.before && !gains.engaged);
+    const changed = this.link.open && this.proposal !== null && JSON.stringify(this.proposal) !== JSON.stringify(gains.tuning);
+    this.engage.disabled = !changed || Boolean(this.refused.textContent);
+    this.discard.disabled = !changed;
+    this.back.disabled = !this.link.open || (!gains.before && !gains.engaged);
   }
 
   showStatus(status) {
@@ -140,7 +140,7 @@ export class Tune {
       }
       const w0 = this.system.hold_w0_rad_s;
       const shown = value ?? this.proposal.parameters.w0_rad_s ?? w0;
-      const number = h("output", { title: "rad/s" }, fixed(shown, 2));
+      const number = h("output", {}, fixed(shown, 2));
       const slide = (event) => {
         const chosen = significant(w0 * 2 ** event.target.valueAsNumber);
         text(number, fixed(chosen, 2));
@@ -152,7 +152,7 @@ export class Tune {
 
   field(name, doc, ...inputs) {
     const label = name.replace(inputs[1] ? /_rad_s$/ : "", "").replaceAll("_", " ");
-    return h("label", { title: doc }, h("span", { class: "label" }, label, " ", inputs[1] ?? ""), inputs[0]);
+    return h("label", { title: doc }, h("span", { class: "label" }, label, ...(inputs[1] ? [" ", inputs[1], " rad/s"] : [])), inputs[0]);
   }
 
   async preview() {
