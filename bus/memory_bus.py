@@ -45,7 +45,7 @@ class MemoryBus:
         """Start a service on the bus, as a late joiner; one of the same name is replaced."""
         if service.name in self._steppers:
             self.kill(service.name)
-        stepper = Stepper(service, self._send, lambda: 0.0)
+        stepper = Stepper(service, self._send, float)  # float() is 0.0: no step takes time
         self._steppers[service.name] = stepper
         self._routes.clear()
         for port in service.inputs:
@@ -153,8 +153,11 @@ class MemoryBus:
     def _send(self, topic: Topic[Any], message: Message) -> None:
         key = topic.key
         self._last[key] = (topic, message)
-        if readers := self._readers_of(key):
-            self._offer(readers, self._encoded(message), key)
+        readers = self._routes.get(key)
+        if readers is None:
+            readers = self._readers_of(key)
+        if readers:
+            self._offer(readers, message.encode() if self._json else message, key)
         if self._raw_readers:
             raw = RawSample(key, message.encode(), self.clock.now_ns())
             for name, raw_port in self._raw_readers:
@@ -162,15 +165,15 @@ class MemoryBus:
                     raw_port.offer(raw)
                     if raw_port.wakes:
                         self._ready[name] = None
-        for callback in self._taps.get(key, ()):
-            callback(message)
+        if key in self._taps:
+            for callback in self._taps[key]:
+                callback(message)
 
     def _readers_of(self, key: str) -> list[tuple[str, Input[Any]]]:
-        known = self._routes.get(key)
-        if known is None:  # worked out once for each key, until a service comes or goes
-            patterns = [p for p in self._readers if p == key or (is_pattern(p) and matches(p, key))]
-            known = self._routes[key] = [reader for p in patterns for reader in self._readers[p]]
-        return known
+        """Work out a route, which `_routes` keeps until a service comes or goes."""
+        patterns = [p for p in self._readers if p == key or (is_pattern(p) and matches(p, key))]
+        route = self._routes[key] = [reader for p in patterns for reader in self._readers[p]]
+        return route
 
     def _offer_all_retained(self, port: Input[Any]) -> None:
         for key, (topic, message) in self._last.items():

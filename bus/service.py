@@ -172,7 +172,10 @@ class Input(Generic[M]):
             message = sample if isinstance(sample, kind) else self._decode(sample)
             if message is None:
                 continue
-            self._count_gaps(key, number, message)
+            last = self._last.get(key)
+            if last is not None and last[0] == message.source:  # count what was sent but never offered
+                self.gaps += max(0, message.seq - last[1] - (number - last[2]))
+            self._last[key] = (message.source, message.seq, number)
             before = self.latest
             if self.is_pattern:
                 before = self.by_key.get(key)
@@ -191,14 +194,6 @@ class Input(Generic[M]):
         except ValueError as error:
             self.refuse(first_line(error))
             return None
-
-    def _count_gaps(self, key: str, number: int, message: M) -> None:
-        """Count what the sequence numbers say was sent but was never offered."""
-        source, last, last_number = self._last.get(key, ("", 0, 0))
-        sent, came = message.seq - last, number - last_number
-        if source == message.source and sent > 0 and sent > came:
-            self.gaps += sent - came
-        self._last[key] = (message.source, message.seq, number)
 
     def fresh(self, now_s: float) -> M | None:
         """Return the latest message unless its stamp is older than `max_age_s` or lies in the future."""

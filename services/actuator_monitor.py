@@ -89,11 +89,9 @@ class ActuatorMonitor:
         while len(self._thrusts) > 1 and self._thrusts[1][0] <= from_ns:
             self._thrusts.popleft()
         total = [0.0] * len(self._names)
-        if not self._thrusts:
-            return total
-        ends = [*(stamp_ns for stamp_ns, _ in itertools.islice(self._thrusts, 1, None)), to_ns]
-        for (begin_ns, thrusts), next_ns in zip(self._thrusts, ends, strict=True):
-            share = max(0, min(next_ns, to_ns, begin_ns + HOLD_NS) - max(begin_ns, from_ns)) / (to_ns - from_ns)
-            if share:
+        for (begin_ns, thrusts), (next_ns, _) in itertools.pairwise([*self._thrusts, (to_ns, total)]):
+            in_force_ns = min(next_ns, to_ns, begin_ns + HOLD_NS) - max(begin_ns, from_ns)
+            if in_force_ns > 0:
+                share = in_force_ns / (to_ns - from_ns)
                 total = [sum_n + share * thrust for sum_n, thrust in zip(total, thrusts, strict=True)]
         return total

@@ -47,6 +47,7 @@ class Drive:
             self.curve = ThrustCurve.affine(0.0, actuator.gain)
         else:
             self.curve = curve_of(actuator.characteristic, U)
+        self._feels_flow = isinstance(actuator, Thruster) and isinstance(actuator.characteristic, BilinearThrust)
         self._n_min, self._n_max = actuator.lowest, actuator.n_max
         self._dead_zone, self._integer = actuator.dead_zone, actuator.integer
         self._forward, self._backward = self.curve.forward, self.curve.backward
@@ -60,8 +61,7 @@ class Drive:
 
     def at(self, U: float) -> Drive:
         """Return the drive at another speed of the vessel in m/s: this one, unless its thrust depends on it."""
-        bilinear = isinstance(self.actuator, Thruster) and isinstance(self.actuator.characteristic, BilinearThrust)
-        return Drive(self.actuator, U) if bilinear else self
+        return Drive(self.actuator, U) if self._feels_flow else self
 
     def thrust(self, command: float) -> float:
         """Return the thrust in N of a command: saturated, and zero within the dead zone."""

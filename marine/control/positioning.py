@@ -53,7 +53,7 @@ class Positioning(ControlLaw):
         """
         super().__init__(limits)
         yaw = yaw or a
-        self._functions = (a, a, yaw)
+        self._functions = (a, yaw)
         tracking_time_s = TRACKING_TIME * a[2] ** (1.0 / 3.0)
         self._surge, self._sway = (limited(design(_I_PD, dof, a)) for dof in (model.surge, model.sway))
         unit = design(_I_PD, _UNIT_MASS, a)
@@ -111,13 +111,12 @@ class Positioning(ControlLaw):
         return *to_tank(*self._force(self._x.action, self._y.action, psi), psi), self._psi.action
 
     def _led_error(self, reference: Reference) -> Vector3:
-        e_x, e_y, e_psi = (
-            e + a[0] * rate + a[1] * acceleration
-            for e, rate, acceleration, a in zip(
-                self.error, reference.rate, reference.acceleration, self._functions, strict=True
-            )
+        (e_x, e_y, e_psi), (a, yaw), rate, led = self.error, self._functions, reference.rate, reference.acceleration
+        return (
+            e_x + a[0] * rate[0] + a[1] * led[0],
+            e_y + a[0] * rate[1] + a[1] * led[1],
+            e_psi + yaw[0] * rate[2] + yaw[1] * led[2],
         )
-        return e_x, e_y, e_psi
 
     def _acceleration(self, X: float, Y: float, psi: float) -> tuple[float, float]:
         """Return the acceleration in {E} that a force in {B} gives, m/s^2."""

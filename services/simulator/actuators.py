@@ -128,7 +128,7 @@ class Actuators:
         X = Y = Z = K = M = N = 0.0
         for actuator, column in zip(self._actuators, self._columns, strict=True):
             name = actuator.name
-            value, kept = self._acts(name)
+            value, kept = self._acts(name) if self.failures else (self.values[name], 1.0)
             if isinstance(actuator, Rudder):
                 wash, drive = self._acts(actuator.behind)
                 wash = max(0.0, wash) * math.sqrt(drive)  # thrust goes with its square
