@@ -12,7 +12,7 @@ State = tuple[float, float, float, float, float, float]
 def rk4(derivative: Callable[..., State], state: State, dt_s: float, *inputs: Any) -> State:
     """Return the state dt_s later by one classical Runge-Kutta step; the angle is not wrapped.
 
-    derivative(state, *inputs): what a closure over the inputs would be, for a fifth less.
+    derivative(state, *inputs): the inputs stay as they are during the step.
     """
     x, y, psi, u, v, r = state
     h = 0.5 * dt_s
