@@ -132,6 +132,7 @@ export class PoolMap {
     if (this.route.points.length) this.drawRoute(c, this.route.points, this.route.smooth, { dash: [6, 5], numbers: true });
     if (held && state) this.drawLeg(c, state, held);
     if (held) this.drawShape(c, held, { stroke: COLOURS.reference, width: 2 });
+    if (helm && helm.mode !== "stop") this.drawMoving(c, helm, held);
     const truth = this.store.fresh("simulation/truth", 1);
     if (truth) this.drawShape(c, truth, { stroke: COLOURS.truth, width: 1.2, alpha: 0.6 });
     if (state) this.drawVessel(c, state);
@@ -190,14 +191,22 @@ export class PoolMap {
     c.globalAlpha = 1;
   }
 
-  /** The path in force: the present leg bold, and the reference that runs along it. */
-  drawFollowed(c, helm) {
+  /** What the controller tells of the request in force. */
+  told(helm) {
     const told = this.store.fresh("control/status", 1);
-    const status = told?.request_id === helm.request_id ? told : null;
-    this.drawRoute(c, helm.points, helm.smooth, { leg: status?.leg });
-    if (status?.reference_x_m == null) return;
-    const at = { x_m: status.reference_x_m, y_m: status.reference_y_m, psi_rad: status.reference_psi_rad };
-    this.drawShape(c, at, { stroke: COLOURS.reference, width: 1.5, alpha: 0.8 });
+    return told?.request_id === helm.request_id ? told : null;
+  }
+
+  /** The path in force: the present leg bold. */
+  drawFollowed(c, helm) {
+    this.drawRoute(c, helm.points, helm.smooth, { leg: this.told(helm)?.leg });
+  }
+
+  /** The reference of this moment, on its way along a path or to the place that is held. */
+  drawMoving(c, helm, held) {
+    const { reference_x_m: x_m, reference_y_m: y_m, reference_psi_rad: psi_rad } = this.told(helm) ?? {};
+    if (x_m == null || (held && Math.hypot(held.x_m - x_m, held.y_m - y_m) < 0.02)) return;
+    this.drawShape(c, { x_m, y_m, psi_rad }, { stroke: COLOURS.reference, width: 1.5, alpha: 0.6 });
   }
 
   drawRoute(c, points, smooth, { leg = null, dash = [], numbers = false }) {
