@@ -171,7 +171,7 @@ class Experiments(Service):
         began_s = run.machine.began_s or now_s
         if helm is None or helm.experiment_run != run.run:
             problem = f"ended by the helm: {helm.reason or helm.mode}" if helm else "the helm is silent"
-        elif state is None or state.status not in ("tracking", "predicting"):
+        elif state is None or (run.plan.sensor is None and state.status not in ("tracking", "predicting")):
             problem = "the pose is lost"
         elif helm.suspended and now_s - began_s > START_S:
             problem = f"the helm has suspended: {helm.reason}"

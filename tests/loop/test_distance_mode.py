@@ -36,6 +36,7 @@ class LaserStar(Star):
         psi_rad: float = 3.0,
         vessel: str = "videoray",
         unknown: dict[str, Any] | None = None,
+        **sections: dict[str, Any],
     ) -> None:
         world = {
             "laser_pictures": True,
@@ -44,7 +45,9 @@ class LaserStar(Star):
             "current_x_m_s": 0.0,
             "current_std_m_s": 0.0,
         }
-        super().__init__(vessel=vessel, deployment=Deployment(run_dir=folder), unknown=unknown, simulator=world)
+        super().__init__(
+            vessel=vessel, deployment=Deployment(run_dir=folder), unknown=unknown, simulator=world, **sections
+        )
 
     def until(self, found: Callable[[WallState], bool], seconds: float = 5.0) -> None:
         """Run until the wall is so."""
