@@ -36,7 +36,7 @@ class LaserStar(Star):
         psi_rad: float = 3.0,
         vessel: str = "videoray",
         unknown: dict[str, Any] | None = None,
-        **sections: dict[str, Any],
+        **sections: Any,
     ) -> None:
         world = {
             "laser_pictures": True,
