@@ -16,7 +16,7 @@ from marine.vessel import BilinearThrust, HorizontalModel, Rudder, Thruster, Ves
 
 PERIOD_NS = 190_000_000
 """At most so often a pose is taken in: five times a second from a camera of 30 Hz."""
-LONGEST_NS = 600_000_000
+LONGEST_NS = 300_000_000
 """After a longer time without a pose the detector begins anew."""
 HOLD_NS = 350_000_000
 """Without a new command the platform stops its thrusters."""

@@ -40,9 +40,10 @@ class Trajectory:
         """Whether the reference is at the end."""
         return self.s_m >= self.course.length_m - 1e-3
 
-    def start(self, s_m: float) -> None:
-        """Begin at an arc length, at rest."""
-        self.s_m, self.speed_m_s, self._acceleration = max(0.0, min(self.course.length_m, s_m)), 0.0, 0.0
+    def start(self, s_m: float, speed_m_s: float = 0.0) -> None:
+        """Begin at an arc length with a speed along the course, cut to what is allowed there."""
+        self.s_m, self._acceleration = max(0.0, min(self.course.length_m, s_m)), 0.0
+        self.speed_m_s = max(0.0, min(speed_m_s, self._allowed(self.s_m)))
 
     def step(self, dt_s: float, behind_m: float) -> None:
         """Move on; behind_m: distance of the vessel from the reference."""

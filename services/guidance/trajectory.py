@@ -38,13 +38,19 @@ class Following(Guidance):
         self._error, self._reference = ZERO, ZERO
 
     def engage(self, order: HelmState, seen: Seen) -> None:
-        """Begin here: back to where the path was left."""
+        """Begin here: go on along the path if the vessel is still on it, else back to where it was left."""
         assert self.tools.positioning is not None
         self.tools.positioning.follow(seen.eta, seen.nu, seen.given)
-        self._filter.start(seen.eta, rate_in_tank(seen))
-        if self._path is not None and order.request_id == self._request:
-            self._path.start(self._path.s_m)
-        self._on_path = False
+        rate = rate_in_tank(seen)
+        self._filter.start(seen.eta, rate)
+        if self._path is None or order.request_id != self._request:
+            self._on_path = False
+            return
+        x, y, gamma = self._path.motion[0]
+        near = math.hypot(x - seen.eta[0], y - seen.eta[1]) < FAR * self.tools.vessel.radius_m
+        self._on_path = self._on_path and near
+        along_m_s = rate[0] * math.cos(gamma) + rate[1] * math.sin(gamma)
+        self._path.start(self._path.s_m, along_m_s if self._on_path else 0.0)
 
     def step(self, order: HelmState, seen: Seen) -> Vector3:
         """Move the reference, run the law."""

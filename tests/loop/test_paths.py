@@ -76,6 +76,22 @@ def test_a_square_and_a_spline_in_a_current(smooth: bool) -> None:
         assert abs(wrap_angle(star.truth[-1].psi_rad + math.pi / 2.0)) < 0.1
 
 
+def test_a_moment_without_the_controller_does_not_stop_the_vessel_on_its_way() -> None:
+    star = build_star(simulator=CURRENT)
+    follow(star, SQUARE, speed_m_s=0.18)
+    star.bus.run_until(lambda: (status(star).along_m or 0.0) > 0.8, 40.0)
+    star.bus.pause("controller")
+    star.bus.run_until(lambda: helm(star).suspended, 1.0)
+    star.bus.resume("controller")
+    star.bus.run_for(0.5)
+    along_m = status(star).along_m or 0.0
+    since = len(star.truth)
+    star.bus.run_for(3.0)
+    assert (status(star).along_m or 0.0) > along_m + 0.3
+    assert min(math.hypot(t.surge_m_s, t.sway_m_s) for t in star.truth[since:]) > 0.08
+    assert max(true_distances(star, since, SQUARE, smooth=False)) < 0.08
+
+
 def test_a_line_with_a_heading_of_its_own_and_a_helm_and_a_controller_that_die() -> None:
     star = build_star(simulator=CURRENT)
     follow(star, [(4.2, 3.0)], psi_rad=math.pi, speed_m_s=0.12)  # from here
@@ -157,6 +173,8 @@ def test_what_the_helm_grants_a_vessel_the_controller_can_do(name: str) -> None:
     checks, tools = Checks(vessel), Controller(ControllerConfig(), vessel).tools
     guidance, _ = guidance_for(tools)
     granted = [mode for mode, rule in MODES.items() if not checks.abilities.lacking(rule.needs)]
+    if vessel.sensor("laser") is None:
+        granted.remove("distance")  # refused: nobody tells of a wall
     assert {MODES[mode].law for mode in granted} - {""} <= set(guidance)
     assert {"speed", "line", "path", "heading"} <= set(granted)
 

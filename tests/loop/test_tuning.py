@@ -273,7 +273,7 @@ def test_an_unknown_vessel_is_tuned_and_holds_within_the_goals(
     assert distance_m <= 1.5e-3 or "surge" not in axes
     health = star.bus.last(topics.ACTUATOR_HEALTH)
     assert health is not None
-    assert health.failed == {}  # with the file's model a thruster may have looked failed
+    assert health.lost == {}  # with the file's model a thruster may have looked failed
     saved = load_vessel(str(next((tmp_path / "identified").glob("pladypos-engaged-*.toml"))))
     assert saved.model.yaw.alpha == pytest.approx(models["yaw"].alpha, rel=1e-6)
     assert saved.model.surge.alpha == pytest.approx(models.get("surge", PLADYPOS.model.surge).alpha, rel=1e-6)
