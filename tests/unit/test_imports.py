@@ -10,6 +10,7 @@ from services.catalog import PROCESSES
 HEAVY = ("scipy", "cv2", "rich", "matplotlib", "playwright")
 ALLOWED = {
     "camera_tracker": {"cv2"},
+    "laser_tracker": {"cv2"},
     "experiment": {"scipy"},  # it identifies in the step that ends an experiment: no time to import then
 }
 
