@@ -412,6 +412,8 @@ class HubBus(ZenohBus):
             before.undeclare()  # type: ignore[no-untyped-call]
 
     def _on_transport(self, event: zenoh.TransportEvent) -> None:
+        if self.session.is_closed():  # our own end is an event, too
+            return
         self.hear(everything=True)  # until it is clear that nobody needs us
         if event.transport.whatami == zenoh.WhatAmI.ROUTER:
             self.pulled = False

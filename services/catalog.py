@@ -36,6 +36,8 @@ class Process:
     simulation_only: bool = False
     needs: Literal["camera", "laser", "instruments", ""] = ""
     """Started only for a vessel with a camera above it, a laser module, or with sensors besides that."""
+    late: bool = False
+    """Started when the others run: what holding does not need leaves the processor to what it does."""
 
     def fits(self, vessel: Vessel) -> bool:
         """Return whether the vessel has what the process is for."""
@@ -67,19 +69,19 @@ class Process:
 
 PROCESSES = (
     Process("hub", "bus.hub:Hub", priority=10),
-    Process("hub_standby", "bus.hub:StandbyHub", priority=10),
+    Process("hub_standby", "bus.hub:StandbyHub", priority=10, late=True),
     Process("recorder", "logs.recorder:Recorder", priority=20),
     Process("platform_link", "platform_link.service:PlatformLink"),
     Process("allocator", "services.allocator:Allocator"),
     Process("helm", "services.helm:Helm"),
     Process("controller", "services.controller:Controller"),
-    Process("experiment", "services.experiment:Experiments"),
+    Process("experiment", "services.experiment:Experiments", late=True),
     Process("estimator", "services.estimator:Estimator"),
     Process("camera_tracker", "camera_tracker.service:CameraTracker", needs="camera"),
-    Process("camera_calibration", "camera_tracker.calibration_service:CameraCalibration", needs="camera"),
+    Process("camera_calibration", "camera_tracker.calibration_service:CameraCalibration", needs="camera", late=True),
     Process("laser_tracker", "camera_tracker.laser.service:LaserTracker", needs="laser"),
     Process("sensors", "services.simulator.sensors:Sensors", simulation_only=True, needs="instruments"),
-    Process("ui", "ui.server:Page"),
+    Process("ui", "ui.server:Page", late=True),
     Process("simulator", "services.simulator.service:Simulator", simulation_only=True),
 )
 
@@ -144,9 +146,10 @@ class Settings:
         return parse(entry.config, self.tables.get(entry.name, {}), self.path or Path("defaults"), entry.name)
 
     def check(self) -> None:
-        """Check every section and the vessel file; raise ConfigError at the first mistake."""
+        """Check every section that is given and the vessel file; raise ConfigError at the first mistake."""
         for entry in self.processes:
-            self.section(entry)
+            if entry.name in self.tables or entry.name in self.system.services:  # defaults need no import of the rest
+                self.section(entry)
         load_vessel(self.system.vessel)
 
     def at(self, warp: Warp) -> Settings:

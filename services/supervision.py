@@ -28,6 +28,8 @@ from supervisor.supervisord import Supervisor
 from services.catalog import Process
 
 HUNG_S = 3.0
+LATE_S = 5.0
+"""So long late processes wait for the others at most."""
 _CREDENTIALS = struct.Struct("3i")
 _LOG_HEAD = re.compile(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} ")
 """What a log line begins with in its file; on the terminal each line has its time and service already."""
@@ -67,6 +69,7 @@ def supervisor_config(processes: tuple[Process, ...], run_dir: Path, config: Pat
             "",
             f"[program:{process.name}]",
             "command=" + " ".join(f'"{part}"' for part in [*command, process.name, *config_arguments]),
+            f"autostart={'false' if process.late else 'true'}",
             "startsecs=5",
             "startretries=10",
             "autorestart=true",
@@ -101,9 +104,13 @@ class ServiceState:
 class Star(Supervisor):  # type: ignore[misc]
     """supervisord with our eyes and ears. `tell(service, text)` prints one line."""
 
-    def __init__(self, options: ServerOptions, run_dir: Path, tell: Callable[[str, str], None]) -> None:
+    def __init__(
+        self, options: ServerOptions, run_dir: Path, late: frozenset[str], tell: Callable[[str, str], None]
+    ) -> None:
         super().__init__(options)
         self.run_dir = run_dir
+        self._late = late
+        self._begin_s = time.monotonic()
         self.tell = tell
         self.states: dict[str, ServiceState] = {}
         self._fed_s: dict[int, float] = {}
@@ -126,13 +133,23 @@ class Star(Supervisor):  # type: ignore[misc]
         return super().get_process_map() | {self._notify.fileno(): _Reader(self._read_notify)}  # type: ignore[no-any-return]
 
     def tick(self, now: float | None = None) -> None:
-        """Look for services that hang; called in every round of supervisor's loop."""
+        """Start late processes, look for services that hang; called in every round of supervisor's loop."""
         super().tick(now)
+        self._start_late()
         silent_before = time.monotonic() - HUNG_S
         for pid, fed_s in list(self._fed_s.items()):
             if fed_s < silent_before:
                 del self._fed_s[pid]
                 self._kill_hung(pid)
+
+    def _start_late(self) -> None:
+        waits = any(s.state != "running" for name, s in self.states.items() if name not in self._late)
+        if not self._late or self.stopping or (waits and time.monotonic() - self._begin_s < LATE_S):
+            return
+        for group in self.process_groups.values():
+            for name in self._late & group.processes.keys():
+                group.processes[name].spawn()
+        self._late = frozenset()
 
     def _kill_hung(self, pid: int) -> None:
         entry = next((s for s in self.states.values() if s.pid == pid), None)
@@ -258,7 +275,7 @@ def supervise(
     options.first = True
     options.test = False
     try:
-        Star(options, run_dir, tell).main()
+        Star(options, run_dir, frozenset(p.name for p in processes if p.late), tell).main()
     except ExitNow:
         pass
     finally:

@@ -111,6 +111,19 @@ def test_the_supervisors_configuration_comes_from_the_catalogue() -> None:
         assert f"[program:{process.name}]" in text
     assert "programs=hub,hub_standby\npriority=10" in text, "the hubs are a group of their own and stop last"
     assert text.count('"--config" "/etc/pool.toml"') == len(PROCESSES)
+    late = [p.name for p in PROCESSES if p.late]
+    assert text.count("autostart=false") == len(late)
+    assert not {"hub", "recorder", "helm", "platform_link"} & set(late), "what drives and what records starts at once"
+
+
+def test_only_what_a_file_says_is_checked_before_the_start(tmp_path: Path) -> None:
+    path = tmp_path / "pool.toml"
+    path.write_text("[helm]\nguards = true\n")
+    with pytest.raises(ConfigError, match="guards"):
+        load_settings(path).check()
+    path.write_text('[system]\nservices = { alarm = "nowhere:Alarm" }\n')
+    with pytest.raises(ConfigError, match="nowhere"):
+        load_settings(path).check()
 
 
 def test_the_diagram_shows_every_process() -> None:
