@@ -128,7 +128,14 @@ class RunningStar:
 
     @property
     def page(self) -> str:
-        """Address of the operator's page."""
+        """Address of the operator's page, once it is served: it is one of the late processes."""
+
+        def served() -> bool:
+            with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", self.page_port), 1.0):
+                return True
+            return False
+
+        wait_for(served, 30.0, "the operator's page")
         return f"http://127.0.0.1:{self.page_port}/"
 
     @property

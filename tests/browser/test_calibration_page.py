@@ -7,12 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect
 
 from camera_tracker.calibration import read_json
 from camera_tracker.plane import CameraFile
 from tests.browser.fake_star import VESSEL, FakeStar
-from tests.browser.test_page import ARGS, DESK, open_page
+from tests.browser.test_page import DESK, open_page
 
 pytestmark = pytest.mark.browser
 
@@ -34,14 +34,6 @@ RINGS_ON_CORNERS = """() => {
   return state.corners_px.length >= 16 && drawn > 0.4 * state.corners_px.length;
 }"""
 """Whether there is a green ring at nearly every corner that the state tells, in the picture that it was found in."""
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=ARGS)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture

@@ -6,13 +6,13 @@ import math
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Page, sync_playwright
+from playwright.sync_api import Browser, Page
 
 from benchmarks.running_star import RunningStar, wait_for
 from bus import topics
 from bus.messages import SimulationTruth
 from services.vessels import load_vessel
-from tests.browser.test_page import ARGS, DESK, open_page, press_at, push_stick, take_stick
+from tests.browser.test_page import DESK, open_page, press_at, push_stick, take_stick
 
 pytestmark = [pytest.mark.browser, pytest.mark.system, pytest.mark.timeout(180)]
 
@@ -25,11 +25,9 @@ def star() -> Iterator[RunningStar]:
 
 
 @pytest.fixture
-def page(star: RunningStar) -> Iterator[Page]:
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=ARGS)
-        yield open_page(browser.new_page(viewport=DESK), star.page)
-        browser.close()
+def page(star: RunningStar, browser: Browser) -> Iterator[Page]:
+    with browser.new_context(viewport=DESK) as context:
+        yield open_page(context.new_page(), star.page)
 
 
 def truth(star: RunningStar) -> SimulationTruth:

@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, expect, sync_playwright
+from playwright.sync_api import Browser, Page, expect
 
 from bus import topics
 from bus.config import Deployment
 from services.experiment import ExperimentConfig, Experiments
 from services.helm import Helm
 from services.vessels import VESSELS_DIR, load_vessel
-from tests.browser.test_page import ARGS, DESK, open_page
+from tests.browser.test_page import DESK, open_page
 from tests.star import Star
 from tests.system.heavy_simulator import heavier
 from ui.server import Page as PageService
@@ -84,14 +84,6 @@ class HurriedStar:
         while not self.ask(condition):
             assert time.monotonic() < end_s, f"not within {timeout_s} s: {what}"
             time.sleep(0.05)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=ARGS)
-        yield browser
-        browser.close()
 
 
 @pytest.fixture
