@@ -262,7 +262,8 @@ class Helm(Service):
     def _watch_experiment(self) -> None:
         status = self.progress.latest
         if status is not None and status.run == self._request and status.state not in ("idle", "running"):
-            self._hold_here(f"{status.name}: {status.reason or status.state}")
+            told = "the run is over" if status.state == "identifying" else status.state
+            self._hold_here(f"{status.name}: {status.reason or told}")
 
     def _watch_path(self, now_s: float) -> None:
         """At the end of a path: hold there, or stop."""
