@@ -6,7 +6,7 @@ of docs/architecture.md: {E} is the tank (x right, y down in the picture, z into
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
@@ -400,6 +400,8 @@ class OperatorJoystick(Message):
 
 ExperimentName = Literal["step", "zigzag", "self-oscillation", "pull-out", "prbs"]
 ExperimentAxis = Literal["surge", "sway", "heave", "yaw"]
+AXIS_FIELDS = {a: field for a, field in zip(AXES, WRENCH_FIELDS, strict=True) if a in get_args(ExperimentAxis)}
+"""Axes that a stick, a law or an experiment pushes -> their fields of a wrench."""
 
 
 class ExperimentPlan(BaseModel):

@@ -13,13 +13,12 @@ from bus.messages import ActuatorCommand, ActuatorFault, OperatorActuator
 from marine.actuators import Drive
 from marine.estimation.actuator_fault import FaultDetector, FaultTuning
 from marine.vessel import BilinearThrust, HorizontalModel, Rudder, Thruster, Vessel
+from services.wrenches import WRENCH_HOLD_NS
 
 PERIOD_NS = 190_000_000
 """At most so often a pose is taken in: five times a second from a camera of 30 Hz."""
 LONGEST_NS = 300_000_000
 """After a longer time without a pose the detector begins anew."""
-HOLD_NS = 350_000_000
-"""Without a new command the platform stops its thrusters."""
 TELL_S = 1.0
 
 
@@ -90,7 +89,7 @@ class ActuatorMonitor:
             self._thrusts.popleft()
         total = [0.0] * len(self._names)
         for (begin_ns, thrusts), (next_ns, _) in itertools.pairwise([*self._thrusts, (to_ns, total)]):
-            in_force_ns = min(next_ns, to_ns, begin_ns + HOLD_NS) - max(begin_ns, from_ns)
+            in_force_ns = min(next_ns, to_ns, begin_ns + WRENCH_HOLD_NS) - max(begin_ns, from_ns)
             if in_force_ns > 0:
                 share = in_force_ns / (to_ns - from_ns)
                 total = [sum_n + share * thrust for sum_n, thrust in zip(total, thrusts, strict=True)]

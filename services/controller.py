@@ -11,14 +11,13 @@ from bus.clock import NS
 from bus.config import ConfigError, Section
 from bus.messages import AttainedWrench, ControlStatus, HelmState, NavigationState, Shaping, Wrench
 from bus.service import Input, Output, Service
-from marine.allocation import axis_limits
 from marine.control.base import ZERO, ControlLaw, Vector3
 from marine.control.laws import known_laws
 from marine.control.tracking import missing_of
 from marine.guidance.reference_filter import MotionLimits, ReferenceFilter
 from marine.vessel import Vessel
 from services.guidance import DepthKeeping, DistanceGuidance, Guidance, GuidanceConfig, Seen, Tools, guidance_for
-from services.tuning import motion_for, parameters_of
+from services.tuning import horizontal_limits, motion_for, parameters_of
 from services.tuning_desk import TuningDesk, answered
 
 STATUS_PERIOD_S = 0.2
@@ -109,8 +108,7 @@ class Controller(Service):
     answer = Output(topics.CONTROL_ANSWER)
 
     def __init__(self, config: ControllerConfig, vessel: Vessel) -> None:
-        X, Y, _, _, _, N = axis_limits(vessel)
-        limits = (X, Y, N)
+        limits = horizontal_limits(vessel)
         shaping = config.reference_filter
         motion = shaping.motion(vessel, limits)
         self.tools = Tools(

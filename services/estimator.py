@@ -26,7 +26,6 @@ from services.actuator_monitor import ActuatorMonitor, can_be_monitored
 from services.wall_tracker import WallTracker
 from services.wrenches import Wrenches
 
-_LONGEST_STEP_NS = 50_000_000
 _NEAREST_NS = 1_000_000
 WALL_PERIOD_S = 0.1
 DEPTH_LOST_S = 1.0
@@ -266,12 +265,8 @@ class Estimator(Service):
 
     def _advance(self, ekf: PoseEkf, from_ns: int, to_ns: int) -> None:
         """Predict from one time to another with the wrenches that were in force between."""
-        at_ns = from_ns
-        while at_ns < to_ns:
-            tau, until_ns = self._wrenches.at(at_ns)
-            next_ns = min(until_ns, to_ns, at_ns + _LONGEST_STEP_NS)
-            ekf.predict((next_ns - at_ns) / NS, tau)
-            at_ns = next_ns
+        for dt_s, tau in self._wrenches.between(from_ns, to_ns):
+            ekf.predict(dt_s, tau)
 
     def _publish(self, now_ns: int) -> None:
         age_s = (now_ns - self._used_ns) / NS

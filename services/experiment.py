@@ -19,6 +19,7 @@ from bus import topics
 from bus.clock import NS
 from bus.config import Deployment, Section
 from bus.messages import (
+    AXIS_FIELDS,
     ControlGains,
     ExperimentAxis,
     ExperimentPlan,
@@ -35,7 +36,7 @@ from marine.identification.experiments import Experiment, ExperimentError, Motio
 from marine.identification.record import compare, response
 from marine.identification.result import IdentificationError, Identified
 from marine.vessel import DegreeOfFreedom, Vessel
-from services.experiment_run import FIELDS, Run, Watch, as_parameters, room, room_before, running_estimate, sensor_of
+from services.experiment_run import Run, Watch, as_parameters, room, room_before, running_estimate, sensor_of
 from services.identified_vessel import IdentifiedVesselError, write_models, write_vessel
 
 STATUS_PERIOD_S = 0.2
@@ -215,7 +216,7 @@ class Experiments(Service):
             else:
                 self._tell(self._status.model_copy(update={"state": "identifying", "reason": machine.note}), now_s)
             return
-        self.wrench.publish(Wrench(origin_ns=state.origin_ns, **{FIELDS[run.plan.axis]: force}))
+        self.wrench.publish(Wrench(origin_ns=state.origin_ns, **{AXIS_FIELDS[run.plan.axis]: force}))
 
     def _end(self, run: Run, state: Literal["done", "failed"], reason: str, now_s: float) -> None:
         self._run = None

@@ -11,6 +11,7 @@ import numpy as np
 
 from bus.clock import NS
 from bus.messages import (
+    AXIS_FIELDS,
     CameraPose,
     ExperimentAxis,
     ExperimentEstimate,
@@ -31,7 +32,6 @@ from marine.identification.result import Axis, IdentificationError, Identified
 from marine.identification.running import RunningEstimate
 from marine.vessel import DegreeOfFreedom, Pool, Vessel
 
-FIELDS = {"surge": "surge_n", "sway": "sway_n", "heave": "heave_n", "yaw": "yaw_nm"}
 _WINDOWS_S = (0.6, 3.0)
 """Shortest and longest window of the running estimate."""
 _LEAST_QUALITY = 0.3
@@ -72,7 +72,7 @@ class Watch:
         self, measurements: Iterable[Measurement], wrenches: Iterable[Wrench], name: str
     ) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
         """Return what was measured and delivered since the last call; name: of the vessel, for poses of several."""
-        forces = [(w.stamp_ns / NS, getattr(w, FIELDS[self.axis]) or 0.0) for w in wrenches]
+        forces = [(w.stamp_ns / NS, getattr(w, AXIS_FIELDS[self.axis]) or 0.0) for w in wrenches]
         measured = [(m.stamp_ns / NS, value) for m in measurements if (value := self._value(m, name)) is not None]
         for force in forces:
             self.live.force(*force)

@@ -11,6 +11,7 @@ from bus import topics
 from bus.clock import NS
 from bus.config import Section
 from bus.messages import (
+    AXIS_FIELDS,
     ExperimentPlan,
     HelmAnswer,
     HelmState,
@@ -25,7 +26,6 @@ from marine.allocation import axis_limits
 from marine.guidance.keep_inside import GAP_M, PoolGuard
 from marine.vessel import Vessel
 from services.helm_modes import (
-    AXIS_FIELDS,
     CONTROLLER,
     EXPERIMENT,
     MANUAL,

@@ -18,8 +18,6 @@ CONTROLLER: Source = "controller"
 EXPERIMENT: Source = "experiment"
 
 HORIZONTAL = ("surge", "sway", "yaw")
-AXIS_FIELDS = {"surge": "surge_n", "sway": "sway_n", "heave": "heave_n", "yaw": "yaw_nm"}
-
 
 NEAREST_M = 0.1
 """Thesis 3.4: lasers are calibrated from here on."""

@@ -18,7 +18,6 @@ from services.wrenches import Wrenches
 
 _LATE_NS = 400_000_000
 """Measurements come in any order, no later than this: pictures take 0.1 s, the compass has a delay."""
-_LONGEST_STEP_NS = 50_000_000
 GATE = 25.0
 """Largest squared innovation, in its variances."""
 _NOISE_M = 0.01
@@ -144,11 +143,9 @@ class WallTracker:
 
     def _advance(self, track: _Track, to_ns: int) -> None:
         """Predict with the wrenches that were in force between."""
-        while track.at_ns < to_ns:
-            (X, _, N), until_ns = self._wrenches.at(track.at_ns)
-            next_ns = min(until_ns, to_ns, track.at_ns + _LONGEST_STEP_NS)
-            track.ekf.predict((next_ns - track.at_ns) / NS, X, N)
-            track.at_ns = next_ns
+        for dt_s, (X, _, N) in self._wrenches.between(track.at_ns, to_ns):
+            track.ekf.predict(dt_s, X, N)
+        track.at_ns = max(track.at_ns, to_ns)
 
 
 def _fits(ekf: DistanceEkf, measured: _Measured) -> bool:

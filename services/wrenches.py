@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 
+from bus.clock import NS
 from marine.dynamics.uncoupled import Tau
 
 WRENCH_HOLD_NS = 350_000_000
 """Without a new command the platform stops its thrusters: a delivered wrench counts no longer than this."""
+LONGEST_STEP_NS = 50_000_000
+"""A filter predicts no further in one step."""
 _NO_WRENCH: Tau = (0.0, 0.0, 0.0)
 
 
@@ -39,3 +43,12 @@ class Wrenches:
                 break
             tau, until_ns = delivered, stamp_ns + WRENCH_HOLD_NS
         return (tau, min(until_ns, next_ns)) if at_ns < until_ns else (_NO_WRENCH, next_ns)
+
+    def between(self, from_ns: int, to_ns: int) -> Iterator[tuple[float, Tau]]:
+        """Yield the steps in which a filter predicts from one time to another: their length in s, and the wrench."""
+        at_ns = from_ns
+        while at_ns < to_ns:
+            tau, until_ns = self.at(at_ns)
+            next_ns = min(until_ns, to_ns, at_ns + LONGEST_STEP_NS)
+            yield (next_ns - at_ns) / NS, tau
+            at_ns = next_ns

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from marine.identification.result import FloatArray
 
 AxisName = Literal["surge", "sway", "heave", "yaw"]
-FIELDS = {"surge": "surge_n", "sway": "sway_n", "heave": "heave_n", "yaw": "yaw_nm"}
 _SIGNALS = ("time", "eta", "tau")
 
 
@@ -51,6 +50,7 @@ def load(path: Path, source: Source) -> tuple[Record, str]:
 def _from_log(path: Path, source: Source) -> tuple[Record, str]:
     from bus import topics
     from bus.clock import NS
+    from bus.messages import AXIS_FIELDS
     from logs.reader import Recording, RecordingError
     from marine.identification.record import on_grid
 
@@ -58,7 +58,7 @@ def _from_log(path: Path, source: Source) -> tuple[Record, str]:
         recording = Recording(path)
         runs = [e.message for e in recording.messages(topics.EXPERIMENT_RESULT)] if _has(recording) else []
         camera = topics.CAMERA_POSE.key in recording.topics
-        forces = recording.series(topics.ACTUATOR_DELIVERED, *FIELDS.values())
+        forces = recording.series(topics.ACTUATOR_DELIVERED, *AXIS_FIELDS.values())
     except RecordingError as error:
         raise CliError(str(error)) from None
     except KeyError as error:
@@ -82,7 +82,7 @@ def _from_log(path: Path, source: Source) -> tuple[Record, str]:
         t,
         signs["eta"] * eta,
         forces["stamp_s"],
-        signs["tau"] * forces[FIELDS[axis]],
+        signs["tau"] * forces[AXIS_FIELDS[axis]],
         axis="angular" if axis == "yaw" else "linear",
         begin_s=begin_s,
         end_s=end_s,
