@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from marine.control.model_function import Coefficients
+from marine.control.structures import TransferFunction
 from marine.vessel import DegreeOfFreedom
 
 SLOWEST = 0.9
@@ -120,6 +121,15 @@ class HeadingLoop:
     a2: float
     a3: float = 0.0
     b1: float = 0.0
+
+    @classmethod
+    def of(cls, loop: TransferFunction) -> HeadingLoop:
+        """Return the loop that a design of Table 8.1 gives; raise ValueError for PID, which has two zeros."""
+        a1, a2, a3 = (*(a / loop.denominator[-1] for a in loop.denominator[-2::-1]), 0.0)[:3]
+        zeros = [b / loop.numerator[-1] for b in loop.numerator[-2::-1]]
+        if len(zeros) > 1:
+            raise ValueError("a heading loop may have one zero, (8.50): not PID")
+        return cls(a1, a2, a3, *zeros)
 
     def simplified(self) -> HeadingLoop:
         """Return the loop without its fastest real pole p, b1 + 1/p in its place: Algorithm 8.7.

@@ -24,10 +24,13 @@ class SingleLoop:
         self.action = 0.0
         self._tracking_time_s = tracking_time_s
         self._reference_rate = 0.0
+        self._taken_over = False
+        self._fading = 0.0
 
     def follow(self, tau: float, nu: float) -> None:
         """Set the action so that the demand at velocity nu (m/s or rad/s) is tau (N or Nm)."""
         self._reference_rate = 0.0
+        self._taken_over = True
         self.action = tau + self.design.gains.derivative * nu - self.design.compensation(nu)
 
     def advance(self, dt_s: float, error: float, moved: float, missing: float, stepped: float = 0.0) -> None:
@@ -39,7 +42,12 @@ class SingleLoop:
         gains, structure = self.design.gains, self.design.structure
         self._reference_rate = stepped / dt_s if dt_s > 0.0 else 0.0
         if not structure.integral:
-            self.action = gains.proportional * error
+            wanted = gains.proportional * error
+            # Nothing keeps what acted before: the difference to it fades.
+            left = max(0.0, 1.0 - dt_s / self._tracking_time_s)
+            self._fading = self.action - wanted if self._taken_over else self._fading * left
+            self._taken_over = False
+            self.action = wanted + self._fading
             return
         on_error = stepped if structure.p_on_error else 0.0
         # Above dt = T_t back-calculation would overshoot what is missing.

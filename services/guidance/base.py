@@ -27,6 +27,9 @@ class GuidanceConfig(Section):
     line_w0_rad_s: float | None = Field(None, gt=0, description="of direct and indirect; none: 0.7 of the heading's")
     lookahead_m: float | None = Field(None, gt=0, description="of line_of_sight; none: from speed and heading loop")
     approach_deg: float = Field(30.0, gt=0, lt=90, description="largest angle to a line on the way to it")
+    heading: Literal["I-PD", "P-D", "PI-D"] = Field(
+        "I-PD", description="structure of the heading loop on the way, thesis Table 8.1; P-D: no integral of its own"
+    )
     heading_w0_rad_s: float | None = Field(None, gt=0, description="heading on the way; none: the vessel file's [hold]")
     speed_w0_rad_s: float | None = Field(None, gt=0, description="speed ahead; none: the vessel file's [hold]")
 

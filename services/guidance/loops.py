@@ -6,7 +6,7 @@ from marine.control.model_function import bessel
 from marine.control.preview import natural_time_s
 from marine.control.single_loop import TRACKING_TIME, LimitedLoop
 from marine.control.stability import limited
-from marine.control.structures import STRUCTURES, Gains, LoopDesign, design, speed_gains
+from marine.control.structures import STRUCTURES, Gains, LoopDesign, Structure, design, speed_gains
 from marine.vessel import DegreeOfFreedom
 from services.guidance.base import Tools
 
@@ -15,19 +15,26 @@ _TRIALS = 20
 
 
 def heading_loop(tools: Tools) -> LimitedLoop:
-    """Return I-PD of the heading; raise ValueError when what is configured is not allowed, (8.22)."""
+    """Return the loop of the heading; raise ValueError when what is configured is not allowed, (8.22)."""
     vessel, given = tools.vessel, tools.config.heading_w0_rad_s
     w0 = given or vessel.heading_w0_rad_s or vessel.hold_w0_rad_s
-    return ipd_loop(vessel.model.yaw, tools.limits[2], w0, fixed=given is not None, angle=True)
+    kind = STRUCTURES[tools.config.heading]
+    return bessel_loop(vessel.model.yaw, tools.limits[2], w0, kind, fixed=given is not None, angle=True)
 
 
-def ipd_loop(
-    dof: DegreeOfFreedom, limit: float, w0_rad_s: float, *, fixed: bool = False, angle: bool = False
+def bessel_loop(
+    dof: DegreeOfFreedom,
+    limit: float,
+    w0_rad_s: float,
+    structure: Structure = STRUCTURES["I-PD"],
+    *,
+    fixed: bool = False,
+    angle: bool = False,
 ) -> LimitedLoop:
-    """Return I-PD by Bessel's model function; unless w0 is fixed a faster one where (8.22) does not allow it."""
+    """Return a loop by Bessel's model function; unless w0 is fixed a faster one where (8.22) does not allow it."""
     for _ in range(_TRIALS):
         try:
-            made = limited(design(STRUCTURES["I-PD"], dof, bessel(3, w0_rad_s)))
+            made = limited(design(structure, dof, bessel(structure.order, w0_rad_s)))
             return LimitedLoop(made, limit, TRACKING_TIME * natural_time_s(made), angle=angle)
         except ValueError:
             if fixed:

@@ -92,11 +92,9 @@ class Steering(Guidance):
     def __init__(self, tools: Tools) -> None:
         """Raise ValueError when a loop cannot be designed."""
         super().__init__(tools)
-        model, (X, _, N) = tools.vessel.model, tools.limits
-        self._surge, self._heading = speed_loop(tools, model.surge, X), heading_loop(tools)
-        gains, alpha = self._heading.design.gains, model.yaw.alpha
-        a3 = alpha / gains.integral
-        self._loop = HeadingLoop(gains.proportional / gains.integral, gains.derivative / gains.integral, a3)
+        X, _, N = tools.limits
+        self._surge, self._heading = speed_loop(tools, tools.vessel.model.surge, X), heading_loop(tools)
+        self._loop = HeadingLoop.of(self._heading.design.transfer_function())
         self._w0 = tools.config.line_w0_rad_s or LINE_W0 / natural_time_s(self._heading.design)
         self._turn_rad_s = Abilities(tools.vessel).turn_rad_s
         self._limit = N

@@ -29,6 +29,7 @@ from benchmarks.line_following import (
 )
 from marine.control.line_following import DirectGains, DirectLine, HeadingLoop, IndirectGains, IndirectLine
 from marine.control.model_function import bessel
+from marine.control.structures import STRUCTURES, design
 from marine.guidance.path import Line
 
 AHEAD = Line(0.0, 0.0, 0.0)
@@ -67,9 +68,20 @@ def test_algorithm_8_7_with_three_real_poles_keeps_the_slow_ones() -> None:
     assert (simple.a1, simple.a2, simple.b1) == pytest.approx((12.0, 20.0, -1.0))
 
 
+@pytest.mark.parametrize("name", ["P", "PD", "P-D", "PI", "I-P", "PI-D", "I-PD"])
+def test_the_loop_of_a_design_has_its_transfer_function(name: str) -> None:
+    """(8.50) of every structure of Table 8.1 but PID, which has two zeros."""
+    made = design(STRUCTURES[name], YAW, bessel(STRUCTURES[name].order, 0.5))
+    loop, tf, s = HeadingLoop.of(made.transfer_function()), made.transfer_function(), 0.3j
+    expected = np.polyval(tf.numerator, s) / np.polyval(tf.denominator, s)
+    assert (loop.b1 * s + 1.0) / np.polyval([loop.a3, loop.a2, loop.a1, 1.0], s) == pytest.approx(expected)
+
+
 def test_an_unstable_heading_loop_is_refused() -> None:
     with pytest.raises(ValueError, match="not stable"):
         HeadingLoop(-1.0, 2.0, 0.0).simplified()
+    with pytest.raises(ValueError, match="not PID"):
+        HeadingLoop.of(design(STRUCTURES["PID"], YAW, bessel(3, 0.3)).transfer_function())
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from scipy import signal
 from benchmarks.control import unstable_share
 from marine.control.model_function import bessel, butterworth, model_function
 from marine.control.preview import step_response
-from marine.control.single_loop import SingleLoop
+from marine.control.single_loop import LimitedLoop, SingleLoop
 from marine.control.stability import Uncertainty, drag_bound, is_stable_at, limited, margins, speed_bound
 from marine.control.structures import STRUCTURES, LoopDesign, design, ipd_gains, speed_gains
 from marine.vessel import DegreeOfFreedom
@@ -265,3 +265,16 @@ def test_gains_change_without_a_jump() -> None:
     assert fast.demand(0.2) == pytest.approx(before, abs=1e-12)
     fast.advance(0.03, 0.3, 0.006, 0.0)
     assert fast.demand(0.2) == pytest.approx(before, abs=0.5)
+
+
+@pytest.mark.parametrize("name", STRUCTURES)
+def test_every_structure_takes_over_without_a_jump_and_arrives(name: str) -> None:
+    loop = LimitedLoop(design(STRUCTURES[name], DAMPED, coefficients(name)), 5.0, 0.5)
+    eta, nu = 1.0, 0.1
+    loop.follow(0.7, eta, nu)
+    assert loop.step(0.0, 2.0, eta, nu) == pytest.approx(0.7, abs=1e-12)
+    for _ in range(3000):
+        tau = loop.step(0.01, 2.0, eta, nu)
+        nu += 0.01 * (tau - DAMPED.drag(nu)) / DAMPED.alpha
+        eta += 0.01 * nu
+    assert eta == pytest.approx(2.0, abs=0.01)
