@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from benchmarks.hub_pair import VESSEL
 from bus.messages import CameraImage, Wrench
 from bus.run import run
 from bus.service import Input, Output, RawSample, Service
@@ -181,7 +182,7 @@ def sleeper(endpoints: list[str]) -> None:
     def hear(_: RawSample) -> None:
         time.sleep(0.01)
 
-    bus = ZenohBus.connect("bench", tuple(endpoints))
+    bus = ZenohBus.connect(VESSEL, tuple(endpoints))
     bus.subscribe("**", hear)
     threading.Event().wait()
 
@@ -329,7 +330,7 @@ def main() -> None:
         PLAIN[role](**arguments)
     else:
         endpoints = tuple(arguments.pop("endpoints"))
-        run(SERVICES[role](**arguments), ZenohBus.connect("bench", endpoints))
+        run(SERVICES[role](**arguments), ZenohBus.connect(VESSEL, endpoints))
 
 
 if __name__ == "__main__":

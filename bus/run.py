@@ -106,13 +106,18 @@ class _Waker:
 
     def __init__(self) -> None:
         self.fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._written = False
 
     def wake(self) -> None:
+        if self._written:  # the loop has not looked yet; it will find this message, too
+            return
+        self._written = True
         with contextlib.suppress(OSError):  # a late message while the loop closes
             os.eventfd_write(self.fd, 1)
 
     def clear(self) -> None:
         os.eventfd_read(self.fd)
+        self._written = False  # last: a wake between the two would be read and its mark would stay
 
     def close(self) -> None:
         os.close(self.fd)
