@@ -19,6 +19,8 @@ from services.actuator_health import Crew, Refused
 
 TELL_S = 1.0
 _DEMANDED_FIELDS = tuple(f"demanded_{field}" for field in WRENCH_FIELDS)
+_OPEN_LOOP = ("manual", "experiment")
+"""Modes in which thrusts stay steady while the wrench does: an experiment measures what they do."""
 _NEGLIGIBLE = 1e-6
 """Part of an axis' reach below which a difference is the solver's and not a limit's."""
 
@@ -134,7 +136,7 @@ class Allocator(Service):
     def _allocate(self, wrench: HelmWrench, now_s: float) -> None:
         U = wrench.speed_m_s or 0.0
         tau = wrench.vector()
-        answer = self._allocation.solve(tau, U, now_s - self._before_s)
+        answer = self._allocation.solve(tau, U, now_s - self._before_s, carry=wrench.mode not in _OPEN_LOOP)
         self._publish(answer.commands, U, wrench.origin_ns)
         attained = answer.attained
         missed = any(abs(attained[axis] - tau[axis]) > tolerance for axis, tolerance in self._tolerances)

@@ -52,8 +52,9 @@ class Drive:
         self._dead_zone, self._integer = actuator.dead_zone, actuator.integer
         self._forward, self._backward = self.curve.forward, self.curve.backward
         self._thrusts: dict[float, float] = {}
-        self._whole, self._between = self._whole_commands() if self._integer else ([], [])
-        self._thrusts = {n: self.thrust(n) for n in self._whole}  # asked for with every command
+        self.whole, self.between = self._whole_commands() if self._integer else ([], [])
+        """Whole commands that do something, with zero, and the thrusts in N halfway between neighbours."""
+        self._thrusts = {n: self.thrust(n) for n in self.whole}  # asked for with every command
         self.lower = min(0.0, self.thrust(self._n_min))
         """Thrust in N (a direct command: its force or moment) at the most negative command."""
         self.upper = max(0.0, self.thrust(self._n_max))
@@ -79,7 +80,7 @@ class Drive:
         again wrong in thrust.
         """
         if self._integer:
-            return self._whole[bisect_left(self._between, thrust_n)]
+            return self.whole[bisect_left(self.between, thrust_n)]
         forward = thrust_n > 0.0
         side, wanted = (self._forward, thrust_n) if forward else (self._backward, -thrust_n)
         most = self._n_max if forward else -self._n_min

@@ -5,8 +5,8 @@ thesis 2.2 and 8.1; axes are numbered as in [X, Y, Z, K, M, N].
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from operator import le, mul
+from collections.abc import Callable, Collection, Mapping, Sequence
+from operator import itemgetter, le, mul
 
 import daqp
 import numpy as np
@@ -71,6 +71,9 @@ class Allocation:
         """Controlled axes on which something acts."""
         if not self.axes:
             raise ValueError("no working actuator acts on any controlled axis")
+        self._of_axes: Callable[[Sequence[float]], Sequence[float]] = (
+            itemgetter(*self.axes) if len(self.axes) > 1 else lambda tau: (tau[self.axes[0]],)
+        )
         self._most = _ENDLESS * reach[list(self.axes)]
         self._endless = float(self._most.min())
         self._demand = np.zeros(len(self.axes))
@@ -104,7 +107,7 @@ class Allocation:
         limits: narrower (lower, upper) thrusts of this moment for all n actuators, from a limit on their rate; zero
         need not lie between them.
         """
-        demand = [tau[axis] for axis in self.axes]
+        demand = self._of_axes(tau)
         self._demand[:] = demand
         if max(map(abs, demand)) > self._endless:
             np.clip(self._demand, -self._most, self._most, out=self._demand)

@@ -12,6 +12,7 @@ from marine.actuators import Drive, ThrustCurve
 from marine.actuators.rudder import linear_force
 from marine.allocation.bounded import DEFAULT_PRIORITY, Allocation
 from marine.allocation.geometry import Array, Wrench, allocation_matrix, axis_indices
+from marine.allocation.rounding import CarriedRounding
 from marine.allocation.steering import Steering
 from marine.vessel import AXES, Actuator, QuadraticThrust, Rudder, Thruster, Vessel
 
@@ -60,9 +61,16 @@ class FixedActuators:
         self._rate_limited = any(rate is not None for rate in self._rates)
         self._moving = any(drive.at(1.0) is not drive for drive in self._drives)
         self._before = [0.0] * len(self._drives)
+        self._rounding = CarriedRounding(self._drives)
 
-    def solve(self, tau: Sequence[float], U: float = 0.0, dt_s: float = math.inf) -> Answer:
-        """Return commands for a wrench [X Y Z K M N] in N and Nm at speed U in m/s, dt_s after the call before."""
+    def solve(self, tau: Sequence[float], U: float = 0.0, dt_s: float = math.inf, *, carry: bool = False) -> Answer:
+        """Return commands for a wrench [X Y Z K M N] in N and Nm at speed U in m/s, dt_s after the call before.
+
+        carry: whole commands make up for the rounding errors before them (see CarriedRounding): for closed loops.
+        """
+        if carry and not (self._moving or self._rate_limited):
+            thrusts = self.allocation.solve(tau)
+            return Answer(self._rounding.commands(thrusts, dt_s), self.allocation.wrench(thrusts))
         drives = self._at(U)
         narrowed = self._narrowed(drives, dt_s) if self._moving or self._rate_limited else None
         thrusts = self.allocation.solve(tau, narrowed)
@@ -142,8 +150,8 @@ class SteeredPropellers:
         self.rank = 2
         self.reach = list(self.axis_limits())
 
-    def solve(self, tau: Sequence[float], U: float = 0.0, dt_s: float = math.inf) -> Answer:
-        """Return commands for X in N and N in Nm of a wrench [X Y Z K M N] at speed U in m/s."""
+    def solve(self, tau: Sequence[float], U: float = 0.0, dt_s: float = math.inf, *, carry: bool = False) -> Answer:
+        """Return commands for X in N and N in Nm of a wrench [X Y Z K M N] at speed U in m/s; carry changes nothing."""
         turn, spin = _step(self._rudder_rate, dt_s), _step(self._propeller_rate, dt_s)
         angles = self._delta - turn, self._delta + turn
         thrust, self._delta = self._steering.solve(tau[_X], tau[_N], U, yaw_priority=self._yaw_priority, angles=angles)

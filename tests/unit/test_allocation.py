@@ -15,6 +15,7 @@ from marine.allocation import (
     weighted_pseudo_inverse,
 )
 from marine.allocation.of_vessel import FixedActuators
+from marine.allocation.rounding import CARRY_S
 from marine.vessel import BilinearThrust, QuadraticThrust, Thruster
 from services.vessels import load_vessel
 
@@ -218,3 +219,26 @@ def test_scaling_back_keeps_the_direction() -> None:
     t = scale_back(np.array([2.0, -1.0, 0.0]), np.array([-0.5, -0.5, -1.0]), np.array([1.5, 1.0, 1.0]))
     assert t == pytest.approx([1.0, -0.5, 0.0])
     assert scale_back(np.array([0.2, 0.0]), -np.ones(2), np.ones(2)) == pytest.approx([0.2, 0.0])
+
+
+def test_whole_commands_make_up_for_their_rounding_errors_with_few_changes() -> None:
+    allocation, dt_s = vessel_allocation(PLADYPOS, failed=["front_port"]), 1.0 / 30.0
+    wrench = np.array([0.03, 0.011, 0.0, 0.0, 0.0, 0.002])  # against a current: all between -3 and 3
+    carried = [allocation.solve(wrench.tolist(), 0.0, dt_s, carry=True).commands for _ in range(300)]
+    given = np.array([allocation.delivered(commands) for commands in carried])
+    owed = np.cumsum(wrench - given, axis=0) * dt_s
+    step = allocation.delivered([3.0, 0.0, 0.0, 0.0])[0] - allocation.delivered([2.0, 0.0, 0.0, 0.0])[0]
+    assert np.abs(owed[:, :2]).max() < 3.0 * step * CARRY_S  # of three thrusters
+    alone = np.array(allocation.delivered(allocation.solve(wrench.tolist()).commands))
+    assert np.abs(wrench - given.mean(axis=0))[PLANE].max() < 0.05 * np.abs(wrench - alone)[PLANE].max()
+    changes = np.count_nonzero(np.diff(carried, axis=0))
+    assert changes < 0.25 * len(carried) * 3
+    assert (np.ptp(carried, axis=0) <= 1.0).all()
+
+
+def test_beyond_the_limits_nothing_is_owed() -> None:
+    allocation = vessel_allocation(PLADYPOS)
+    for _ in range(100):
+        assert max(map(abs, allocation.solve(tau(9.0, 0.0, 0.0), 0.0, 0.05, carry=True).commands)) == 15.0
+    back = [allocation.solve(tau(0.0, 0.0, 0.0), 0.0, 0.05, carry=True).commands for _ in range(3)]
+    assert back[-1] == [0.0] * 4
