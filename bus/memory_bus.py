@@ -83,12 +83,12 @@ class MemoryBus:
         self._paused.discard(name)
         self._steppers[name].due_ns = self.clock.now_ns()
 
-    def publish(self, topic: Topic[M], message: M, source: str = "operator") -> None:
-        """Publish from outside any service, as a page or the command line does; the header is filled in."""
+    def publish(self, topic: Topic[M], message: M, source: str = "") -> None:
+        """Publish from outside any service, as the topic's publisher or as `source`; the header is filled in."""
         seq = self._sequences.get(topic.key, 0)
         self._sequences[topic.key] = seq + 1
         stamp_ns = message.stamp_ns or self.clock.now_ns()
-        self._send(topic, message.stamped(stamp_ns, seq, source))
+        self._send(topic, message.stamped(stamp_ns, seq, source or topic.publisher))
 
     def publish_bytes(self, key: str, payload: bytes) -> None:
         """Put any bytes on a key, as a broken client would."""

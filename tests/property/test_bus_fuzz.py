@@ -77,6 +77,6 @@ def test_services_on_the_bus_go_on(published: list[tuple[str, bytes]]) -> None:
     for key, payload in published:
         bus.publish_bytes(key, payload)
         bus.run_for(0.6)
-    bus.publish(topics.CONTROL_WRENCH, Wrench(surge_n=5.0), source="last")
+    bus.publish(topics.CONTROL_WRENCH, Wrench(surge_n=5.0))
     bus.run_for(0.6)
     assert reader.got[-1][1] == 5.0

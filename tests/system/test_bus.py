@@ -171,6 +171,50 @@ def test_a_client_finds_a_hub_that_listens_again_within_half_a_second() -> None:
         assert stream.arrivals[-1].at_s - begin_s < 0.6
 
 
+@pytest.mark.soak
+@pytest.mark.timeout(180)
+def test_no_wrench_counts_as_anothers_while_clients_return_to_a_hub_that_hung() -> None:
+    """Zenoh delivers messages under wrong keys then (docs/adr/0001-zenoh.md): the inputs must not take them."""
+    wrenches = (topics.CONTROL_WRENCH, topics.EXPERIMENT_WRENCH, topics.ACTUATOR_DELIVERED)
+
+    class Reads(Service):
+        name = "reader"
+        control = Input(wrenches[0], queue=1000)
+        experiment = Input(wrenches[1], queue=1000)
+        delivered = Input(wrenches[2], queue=1000)
+
+    with HubPair(standby=False) as pair, contextlib.ExitStack() as ended:
+        over = threading.Event()
+        readers = [Reads() for _ in range(4)]
+        for reader in readers:
+            Inbox(pair.client(), reader)
+        buses = [pair.client() for _ in wrenches]
+
+        def send(bus: ZenohBus, topic: topics.Topic[Wrench]) -> None:
+            for seq in itertools.count():
+                bus.publish(topic, Wrench(stamp_ns=time.time_ns(), seq=seq, source=topic.publisher))
+                if over.wait(0.005):
+                    return
+
+        threads = [threading.Thread(target=send, args=pairing) for pairing in zip(buses, wrenches, strict=True)]
+        for thread in threads:
+            ended.callback(thread.join)
+            thread.start()
+        ended.callback(over.set)
+        taken = 0
+        for _ in range(25):
+            pair.processes["hub"].send_signal(signal.SIGSTOP)
+            over.wait(0.55)
+            pair.processes["hub"].send_signal(signal.SIGCONT)
+            over.wait(1.5)
+            for port in itertools.chain.from_iterable(reader.inputs for reader in readers):
+                port.refresh()
+                messages = port.take()
+                taken += len(messages)
+                assert {m.source for m in messages} <= {port.topic.publisher}, port.topic.key
+        assert taken > 1000
+
+
 # --- subscriptions ----------------------------------------------------------------------------------------------
 
 

@@ -29,7 +29,7 @@ VESSEL = load_vessel("pladypos")
 class Source(Service):
     """Stands in for estimator and controller: a pose and a wrench at 30 Hz as long as they are wanted."""
 
-    name = "source"
+    name = "controller"
     rate_hz = 30.0
     pose = Output(topics.NAVIGATION_STATE)
     wrench = Output(topics.CONTROL_WRENCH)
