@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple
-
 import cv2
 
 from bus import topics
@@ -163,7 +161,7 @@ class CameraTracker(Service):
                 x_px=found.x_px,
                 y_px=found.y_px,
                 heading_ambiguous=found.heading_ambiguous,
-                region_px=None if found.region is None else astuple(found.region),
+                region_px=found.region,
                 **{"quality": found.quality, "reason": found.reason, **self._metres.fields(name, found)},
             )
         )

@@ -6,7 +6,7 @@ The idea of thesis Algorithm 3.1: the region comes from the predicted pose, the 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from camera_tracker.config import CameraTrackerConfig, Vehicle
 from camera_tracker.detectors.base import AMBIGUOUS_QUALITY, Detection, Detector, Prediction, Region, doubtful
@@ -25,8 +25,7 @@ _TRAVEL_EXTENTS = 0.5
 """A travel of this part of the marker's extent shows its direction."""
 
 
-@dataclass(frozen=True)
-class _Track:
+class _Track(NamedTuple):
     """The last pose of a vehicle and its velocity, to predict where to look."""
 
     pose: Detection
@@ -83,7 +82,7 @@ class Tracker:
         prediction = track.predicted(stamp_ns)
         region = Region.around(prediction.x_px, prediction.y_px, track.pose.extent_px + _MARGIN_PX, image)
         pose = detector.look(image, name, region, prediction)
-        return None if pose is None else replace(pose, region=region)
+        return None if pose is None else pose._replace(region=region)
 
     def _is_ignored(self, pose: Detection) -> bool:
         """Tell whether a square marker lies where the configuration says not to look."""
@@ -102,7 +101,7 @@ class Tracker:
         if pose.heading_ambiguous:
             checks.append((AMBIGUOUS_QUALITY, "the patch has no distinct front and back"))
         quality, reason = min(checks)
-        return replace(pose, quality=quality, reason=reason)
+        return pose._replace(quality=quality, reason=reason)
 
     def _has_one_patch(self, name: str) -> bool:
         vehicle = self._vehicles.get(name)
@@ -121,14 +120,14 @@ class Tracker:
                 course = math.atan2(dy, dx) + math.radians(vehicle.heading_deg)
                 psi_rad = min((pose.psi_rad, other), key=lambda a: abs(wrap_angle(a - course)))
                 known = abs(wrap_angle(psi_rad - course)) < 0.7
-        return replace(pose, psi_rad=psi_rad, heading_ambiguous=not known)
+        return pose._replace(psi_rad=psi_rad, heading_ambiguous=not known)
 
     def _follow(self, found: dict[str, Detection], stamp_ns: int) -> None:
         """Keep a track of each vehicle that was found; one that may be another's marker is searched for again."""
         tracks = {}
         for name, last in self._tracks.items():
             if name not in found and (stamp_ns - last.stamp_ns) * 1e-9 < _FORGET_S:
-                tracks[name] = replace(last, seen=False)
+                tracks[name] = last._replace(seen=False)
         for name, pose in found.items():
             before = self._tracks.get(name)
             start = (pose.x_px, pose.y_px)

@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +23,7 @@ AMBIGUOUS_QUALITY = 0.5
 _REASON_BELOW = 0.8
 
 
-@dataclass(frozen=True)
-class Region:
+class Region(NamedTuple):
     """A part of a picture, in whole px: columns x0 <= x < x1, rows y0 <= y < y1."""
 
     x0: int
@@ -48,8 +46,7 @@ class Region:
         return image[self.y0 : self.y1, self.x0 : self.x1]
 
 
-@dataclass(frozen=True)
-class Detection:
+class Detection(NamedTuple):
     """Pose of a vehicle in a picture, with quality in 0..1 and the reason when it is low."""
 
     x_px: float
@@ -64,14 +61,15 @@ class Detection:
     """How badly it fits what was looked for, 0 (well) to 1."""
     corners_px: tuple[tuple[float, float], ...] = ()
     """Corners of a square marker, clockwise from its upper left one as it was printed."""
+    patches_px: tuple[tuple[float, float], ...] = ()
+    """Centres of the front and the rear one of two coloured patches."""
     several: bool = False
     """Two markers of this kind are in the picture: which of them it is is a guess."""
     region: Region | None = None
     """Where it was looked for; None: in the whole picture."""
 
 
-@dataclass(frozen=True)
-class Prediction:
+class Prediction(NamedTuple):
     """Where and how a vehicle should be seen: its last detection, moved on and turned."""
 
     x_px: float
@@ -79,12 +77,12 @@ class Prediction:
     psi_rad: float
     last: Detection
 
-    def corners_px(self) -> NDArray[np.float64]:
-        """Return the last corners (4, 2), moved and turned."""
+    def moved(self, points_px: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+        """Return points of the last detection, moved and turned."""
         turn = self.psi_rad - self.last.psi_rad
         c, s = math.cos(turn), math.sin(turn)
-        corners = np.asarray(self.last.corners_px) - (self.last.x_px, self.last.y_px)
-        return np.asarray(corners @ np.array([[c, s], [-s, c]]) + (self.x_px, self.y_px))
+        away = [(x - self.last.x_px, y - self.last.y_px) for x, y in points_px]
+        return [(self.x_px + c * dx - s * dy, self.y_px + s * dx + c * dy) for dx, dy in away]
 
 
 class Detector(ABC):
@@ -105,7 +103,9 @@ class Detector(ABC):
 def upper_median(rows: NDArray[Any]) -> NDArray[Any]:
     """Return the median along the last axis (the upper one of two), at a fifth of numpy.median's cost."""
     middle = rows.shape[-1] // 2
-    return np.asarray(np.partition(rows, middle)[..., middle])
+    rows = rows.copy()
+    rows.partition(middle)
+    return rows[..., middle]
 
 
 def worst(checks: list[tuple[float, str]]) -> tuple[float, str]:
@@ -117,7 +117,7 @@ def worst(checks: list[tuple[float, str]]) -> tuple[float, str]:
 def one_of_several(pose: Detection) -> Detection:
     """Return a detection that says that another one fits as well."""
     quality, reason = doubtful("two markers of this kind are in the picture")
-    return replace(pose, quality=min(quality, pose.quality), reason=reason, several=True)
+    return pose._replace(quality=min(quality, pose.quality), reason=reason, several=True)
 
 
 def doubtful(reason: str) -> tuple[float, str]:

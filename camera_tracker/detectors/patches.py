@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -37,13 +37,20 @@ class PatchDetector(Detector):
         self._allowed: c.Mask | None = None
 
     def look(self, image: Image, name: str, region: Region, prediction: Prediction) -> Detection | None:
-        """Return the pose of a vehicle whose patches lie in a region, the best and nearest to the prediction."""
+        """Return the pose of a vehicle whose patches lie in a region, the best and nearest to the prediction.
+
+        Two patches are looked for where each of them is predicted, and only if they are not there in the whole region.
+        """
         extent_px = prediction.last.extent_px
 
         def cost(pose: Detection) -> float:
             return pose.misfit + math.hypot(pose.x_px - prediction.x_px, pose.y_px - prediction.y_px) / extent_px
 
-        return min(self._poses(image, region, self._vehicles[name]), key=cost, default=None)
+        vehicle, poses = self._vehicles[name], []
+        if places := prediction.moved(prediction.last.patches_px):
+            half_px = 0.5 * (max(region.x1 - region.x0, region.y1 - region.y0) - math.dist(*places))
+            poses = self._poses(image, vehicle, *(Region.around(x, y, half_px, image) for x, y in places))
+        return min(poses or self._poses(image, vehicle, region, region), key=cost, default=None)
 
     def search(self, image: Image, names: Iterable[str]) -> dict[str, Detection]:
         """Return the vehicles found from the whole picture at 1/4; doubtful where two places fit alike."""
@@ -66,7 +73,7 @@ class PatchDetector(Detector):
                 continue
             looks[name] = looks.get(name, 0) + 1
             region = Region.around(guess.x_px, guess.y_px, guess.extent_px + 4.0, image)
-            pose = min(self._poses(image, region, guess.vehicle), key=lambda pose: pose.misfit, default=None)
+            pose = min(self._poses(image, guess.vehicle, region, region), key=lambda pose: pose.misfit, default=None)
             if pose is None:
                 continue
             if twice:
@@ -77,17 +84,17 @@ class PatchDetector(Detector):
             used.update(guess.blobs)
         return found
 
-    def _poses(self, image: Image, region: Region, vehicle: Vehicle) -> list[Detection]:
-        """Return every pose that the patches in a region allow."""
+    def _poses(self, image: Image, vehicle: Vehicle, for_front: Region, for_rear: Region) -> list[Detection]:
+        """Return every pose that the patches in the regions allow."""
         assert vehicle.front is not None
         heading_rad = math.radians(vehicle.heading_deg)
-        fronts = self._patches(image, region, vehicle.front)
+        fronts = self._patches(image, for_front, vehicle.front)
         if vehicle.rear is None:
             return [
                 c.pose_of_patch(p, area_px2=vehicle.area_px2, heading_rad=heading_rad, plain=vehicle.plain)
                 for p in fronts
             ]
-        rears = self._patches(image, region, vehicle.rear) if fronts else []
+        rears = self._patches(image, for_rear, vehicle.rear) if fronts else []
         pairs = [
             c.pose_of_pair(
                 f,
@@ -130,8 +137,7 @@ class PatchDetector(Detector):
         return guesses
 
 
-@dataclass(frozen=True)
-class _Guess:
+class _Guess(NamedTuple):
     """A place where a vehicle may be, in px of the full picture."""
 
     vehicle: Vehicle
@@ -181,8 +187,7 @@ def _blobs(mask: c.Mask, step: Step, min_area_px2: float) -> list[c.Blob]:
     x, y = step
     enough = max(2.0, min_area_px2 / (x * y))  # mixed pixels at the edge do not count
     return [
-        replace(
-            blob,
+        blob._replace(
             x_px=x * (blob.x_px + part.x0),
             y_px=y * (blob.y_px + part.y0) + y // 2,
             area_px2=x * y * blob.area_px2,

@@ -141,7 +141,13 @@ class SquareDetector(Detector):
         grey = _grey(region.of(image))
         found = None
         if prediction.last.corners_px:
-            found = self._measure(grey, region, prediction.corners_px() - (region.x0, region.y0), image, near=True)
+            found = self._measure(
+                grey,
+                region,
+                np.array(prediction.moved(prediction.last.corners_px)) - (region.x0, region.y0),
+                image,
+                near=True,
+            )
         if found is not None and found[0] == name and found[1].quality >= GOOD_QUALITY:
             return found[1]
         seen = [d for n, d in self._candidates(grey, 1, region, image) if n == name]

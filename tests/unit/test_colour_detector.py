@@ -57,8 +57,8 @@ def test_centroid_is_that_of_the_drawn_patch(x: float, angle: float) -> None:
     assert patch.x_px == pytest.approx(x, abs=0.04)  # the drawing itself is true to 1/32 px
     assert patch.y_px == pytest.approx(90.3, abs=0.04)
     assert patch.area_px2 == pytest.approx(600, rel=0.02)
-    assert math.remainder(patch.axis_rad - angle, math.pi) == pytest.approx(0.0, abs=0.005)
-    assert patch.elongation == pytest.approx(1.5, rel=0.02)
+    assert math.remainder(patch.shape().axis_rad - angle, math.pi) == pytest.approx(0.0, abs=0.005)
+    assert patch.shape().elongation == pytest.approx(1.5, rel=0.02)
     assert not patch.clipped
 
 
