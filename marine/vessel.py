@@ -18,6 +18,10 @@ AXES: tuple[Axis, ...] = ("X", "Y", "Z", "K", "M", "N")
 """Components of the wrench tau: surge, sway, heave in N; roll, pitch, yaw in Nm."""
 
 
+COMMAND_DIGITS = 2
+"""Decimals of a command in its actuator's unit: what the link to the platform carries (docs/link-protocol.md)."""
+
+
 # Models: parameters of marine.dynamics
 
 

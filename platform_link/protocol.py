@@ -14,9 +14,11 @@ from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
 
+from marine.vessel import COMMAND_DIGITS
+
 VERSION = 1
 MAX_CHANNELS = 64
-COMMANDS_PER_UNIT = 100
+COMMANDS_PER_UNIT = 10**COMMAND_DIGITS
 """Commands travel as int16 in hundredths of the actuator's unit: +-327.67 in steps of 0.01."""
 
 _COMMAND, _TELEMETRY = 1, 2

@@ -14,7 +14,7 @@ from bus.config import ConfigError, Section
 from bus.messages import AXES, WRENCH_FIELDS, ActuatorCommand, AttainedWrench, HelmWrench, Wrench
 from bus.service import Input, Output, Service
 from marine.allocation import vessel_allocation
-from marine.vessel import Vessel
+from marine.vessel import COMMAND_DIGITS, Vessel
 from services.actuator_health import Crew, Refused
 
 TELL_S = 1.0
@@ -159,6 +159,7 @@ class Allocator(Service):
         self.attained.publish(AttainedWrench(**{WRENCH_FIELDS[axis]: 0.0 for axis in self._allocation.axes}))
 
     def _publish(self, commands: Sequence[float], U: float, origin_ns: int | None) -> None:
+        commands = [round(n, COMMAND_DIGITS) for n in commands]  # as the platform gets them
         self.command.publish(
             ActuatorCommand(origin_ns=origin_ns, commands=dict(zip(self._names, commands, strict=True)))
         )

@@ -11,6 +11,7 @@ from bisect import bisect_left
 
 from marine.actuators.curve import Side, ThrustCurve
 from marine.vessel import (
+    COMMAND_DIGITS,
     AffineThrust,
     AsymmetricThrust,
     BilinearThrust,
@@ -20,6 +21,8 @@ from marine.vessel import (
     QuadraticThrust,
     Thruster,
 )
+
+_STEP = 10.0**-COMMAND_DIGITS
 
 
 def curve_of(characteristic: Characteristic, U: float = 0.0) -> ThrustCurve:
@@ -86,7 +89,7 @@ class Drive:
         most = self._n_max if forward else -self._n_min
         n = min(side.command(wanted), most)
         if n <= self._dead_zone:
-            working = math.nextafter(self._dead_zone, math.inf)
+            working = self._dead_zone + _STEP  # less is rounded to nothing on its way
             n = working if working <= most and 2.0 * wanted > side.thrust(working) else 0.0
         return n if forward else 0.0 - n
 

@@ -36,13 +36,16 @@ class LaserStar(Star):
         psi_rad: float = 3.0,
         vessel: str = "videoray",
         unknown: dict[str, Any] | None = None,
+        seed: int = 1,
+        current_x_m_s: float = 0.0,
         **sections: Any,
     ) -> None:
         world = {
             "laser_pictures": True,
             "x_m": BOW_M + distance_m,
             "psi_rad": psi_rad,
-            "current_x_m_s": 0.0,
+            "seed": seed,
+            "current_x_m_s": current_x_m_s,
             "current_std_m_s": 0.0,
         }
         super().__init__(
@@ -105,7 +108,7 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Kept:
     star.fault("laser_lost", active=False)
     star.bus.run_for(10.0)
     star.fault("laser_lost")
-    star.bus.run_until(lambda: star.helm.suspended, 8.0)
+    star.bus.run_until(lambda: star.helm.suspended, 9.0)
     suspended = star.helm
     star.fault("laser_lost", active=False)
     star.bus.run_until(lambda: not star.helm.suspended, 5.0)
@@ -144,7 +147,26 @@ def test_5_s_without_dots_cost_less_than_5_cm(kept: Kept) -> None:
     assert all(s.distance_m is None and s.lost == "left and right dot lost" for s in dark)
 
 
-def test_longer_than_6_s_suspends_until_the_dots_are_back(kept: Kept) -> None:
+@pytest.mark.soak
+@pytest.mark.parametrize("current_x_m_s", [0.0, 0.01, 0.02, -0.015])
+@pytest.mark.parametrize("seed", [1, 3])
+def test_so_do_24_absences_at_other_moments_and_in_a_current(tmp_path: Path, seed: int, current_x_m_s: float) -> None:
+    """Issue 7: from steady state, with a constant disturbance."""
+    star = LaserStar(tmp_path, seed=seed, current_x_m_s=current_x_m_s)
+    star.until(lambda wall: wall.status == "tracking")
+    assert star.request("distance", distance_m=0.5).accepted
+    star.bus.run_for(45.0)
+    for k in range(3):
+        begin = len(star.truth)
+        star.fault("laser_lost")
+        star.bus.run_for(5.0)
+        star.fault("laser_lost", active=False)
+        star.bus.run_for(1.0)
+        assert max(abs(true_m(t) - 0.5) for t in star.truth[begin:]) < 0.05
+        star.bus.run_for(19.0 + 0.13 * k + 0.3 * seed)
+
+
+def test_longer_than_7_s_suspends_until_the_dots_are_back(kept: Kept) -> None:
     assert kept.suspended.mode == "distance"
     assert kept.suspended.reason == "the laser module has not seen the wall for too long"
     assert kept.resumed.mode == "distance"

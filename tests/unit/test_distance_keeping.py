@@ -28,9 +28,36 @@ def test_the_printed_matrices_are_in_degrees_and_centimetres() -> None:
     assert added[6, 6] == pytest.approx(0.1 * cm**2)
 
 
+def test_one_step_of_table_8_2() -> None:
+    """Its equations line by line (corrected: abs(u) u, v_phi of k-1, v_phi in both angles), with H1 of (8.39)."""
+    ekf, T, X, N = DistanceEkf(SURGE, YAW, DistanceTuning()), 0.1, 1.2, 0.05
+    u, r, phi, psi, d, v_phi, v_d = start = np.array([-0.2, 0.3, 0.4, 1.0, 0.6, 0.01, -0.02])
+    ekf.state = start.copy()
+    ekf.predict(T, X, N)
+    predicted = np.array(
+        [
+            u - T * SURGE.beta_quadratic / SURGE.alpha * abs(u) * u + T / SURGE.alpha * X,
+            r - T * YAW.beta_quadratic / YAW.alpha * abs(r) * r + T / YAW.alpha * N,
+            phi + T * r + T * v_phi,
+            psi + T * r + T * v_phi,
+            d - T * u * math.cos(phi) + T * v_d,
+            v_phi,
+            v_d,
+        ]
+    )
+    assert ekf.state == pytest.approx(predicted, abs=1e-12)
+    P, y = ekf.covariance.copy(), np.array([0.35, 1.1, 0.62])
+    H = np.eye(7)[[2, 3, 4]]
+    R = np.diag([0.5 * math.radians(1.0) ** 2, 10.0 * math.radians(1.0) ** 2, 0.1 * 0.01**2])
+    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+    ekf.update(phi_rad=y[0], psi_rad=y[1], distance_m=y[2])
+    assert ekf.state == pytest.approx(predicted + K @ (y - H @ predicted), abs=1e-9)
+    assert ekf.covariance == pytest.approx((np.eye(7) - K @ H) @ P, abs=1e-9)
+
+
 def test_the_jacobian_8_38_corrected_is_the_derivative_of_the_prediction() -> None:
     """The covariance's own propagation shows A: with P0 = I and Q = 0, P = A A^T."""
-    nothing = DistanceTuning((0.0,) * 7, 1.0)
+    nothing = DistanceTuning((0.0,) * 7, (1.0,) * 7)
     start = np.array([0.2, -0.3, 0.4, 1.0, 0.6, 0.01, -0.02])
 
     def predicted(state: np.ndarray) -> np.ndarray:

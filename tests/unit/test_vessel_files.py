@@ -112,7 +112,7 @@ def test_delays_and_sensors_are_in_si() -> None:
     compass = next(s for s in videoray.sensors if s.kind == "compass")
     assert (videoray.command_delay_s, compass.delay_s, compass.quantisation) == pytest.approx((0.1, 0.1, 2 * DEGREE))
     assert videoray.bias[0] == pytest.approx(-0.3 * 0.16)
-    assert videoray.validity.distance_s == 6.0
+    assert videoray.validity.distance_s == 7.5
     rudder = next(a for a in load_vessel("charlie").actuators if isinstance(a, v.Rudder))
     assert rudder.n_max == pytest.approx(30 * DEGREE)
     assert rudder.lowest == -rudder.n_max
