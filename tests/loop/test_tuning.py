@@ -258,6 +258,7 @@ def moved(star: Star, place_m: float) -> tuple[float, float, float]:
 def test_an_unknown_vessel_is_tuned_and_holds_within_the_goals(
     tmp_path: Path, axes: tuple[TunedAxis, ...], place_m: float
 ) -> None:
+    """Algorithm 8.4 on the running system."""
     star = unknown_vessel(tmp_path)
     settled_s, overshoot_rad, distance_m = moved(star, place_m)
     assert settled_s > 15.0  # without tuning it misses the goals of issue 7

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import signal
 
 from benchmarks.line_following import (
     CALM,
@@ -98,6 +99,50 @@ def test_gains_8_54_give_the_model_function_8_53(loop: HeadingLoop) -> None:
         head / (u * g.K_Id),
     )
     assert got == pytest.approx(A)
+
+
+def test_method_1_answers_as_8_48() -> None:
+    """From rest beside the line: the closed loop as designed, within 2 %; the reference has no derivative."""
+    law, dt, (a1, a2, a3, a4) = DirectLine(YAW, A, U_R, N_nm=N_MAX), 0.02, A
+    d, phi, r, track = 0.4, 0.0, 0.0, []
+    for _ in range(4000):
+        N = law.step(dt, d, phi, (U_R, 0.0, r))
+        r += dt * (N - YAW.drag(r)) / YAW.alpha
+        phi += dt * r
+        d += dt * U_R * math.sin(phi)
+        track.append(1.0 - d / 0.4)
+    _, expected = signal.step(([1.0], [a4, a3, a2, a1, 1.0]), T=dt * np.arange(1, 4001))
+    assert np.abs(np.array(track) - expected).max() < 0.02
+
+
+def test_method_2_answers_as_8_53() -> None:
+    """On a heading loop (8.51) with a zero: (8.53), and the zero that an offset at rest has by K_d, within 2 %."""
+    loop, dt = HeadingLoop(6.0, 20.0, 0.0, -1.4), 0.005
+    law, g = IndirectLine(loop, A, U_R), IndirectGains.design(loop, A, U_R)
+    d, x, r, track = 0.4, np.zeros(2), 0.0, []
+    for _ in range(16_000):
+        wanted = law.step(dt, d, float(x[0] + loop.b1 * x[1]), r)
+        faster = (wanted - x[0] - loop.a1 * x[1]) / loop.a2
+        r = float(x[1] + loop.b1 * faster)
+        d += dt * U_R * float(x[0] + loop.b1 * x[1])
+        x += dt * np.array([x[1], faster])
+        track.append(1.0 - d / 0.4)
+    a1, a2, a3, a4 = A
+    zeros = np.polymul([loop.b1, 1.0], [g.K_d / g.K_Id, 1.0])
+    _, expected = signal.step((zeros, [a4, a3, a2, a1, 1.0]), T=dt * np.arange(1, 16_001))
+    assert np.abs(np.array(track) - expected).max() < 0.02
+
+
+def test_8_59_limits_the_heading_and_its_integral() -> None:
+    """Far away never steeper than beta-bar; how long it was far away leaves no trace in the integral (8.29)."""
+    nearer = []
+    for seconds in (30, 300):
+        law = IndirectLine(HeadingLoop(5.8, 11.1), A, U_R, approach_rad=math.radians(30.0))
+        far = [law.step(0.1, 70.0, -math.radians(30.0), 0.0) for _ in range(10 * seconds)]
+        assert set(far) == {-math.radians(30.0)}
+        nearer.append([law.step(0.1, 70.0 - 0.05 * k, -math.radians(30.0), 0.0) for k in range(1400)])
+    assert nearer[0] == pytest.approx(nearer[1], abs=1e-3)
+    assert nearer[0][-1] > -math.radians(15.0), "it turns before the line"
 
 
 def test_what_cannot_work_is_refused() -> None:

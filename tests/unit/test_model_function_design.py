@@ -141,7 +141,7 @@ def test_examples_with_constant_drag(w0: float, alpha: float, beta: float, ratio
     assert speed_bound(design(I_PD, DegreeOfFreedom(alpha, beta, 0.0), bessel(3, w0))) == math.inf
 
 
-def test_example_with_linear_drag() -> None:
+def test_example_8_3_with_linear_drag() -> None:
     made = design(I_PD, DegreeOfFreedom(0.98, 0.0, 1.305), bessel(3, 1.5))
     assert speed_bound(made) == pytest.approx(13.4, abs=0.005)
 
@@ -188,6 +188,7 @@ def _low(made: LoopDesign) -> tuple[float, float]:
 
 @pytest.mark.parametrize("model", [LINEAR, BOTH])
 def test_speed_bound_is_where_the_frozen_loop_becomes_unstable(model: DegreeOfFreedom) -> None:
+    """(8.25)-(8.27), and (8.24), (8.28)."""
     made = design(I_PD, model, bessel(3, 0.5))
     bound = speed_bound(made)
     worst = DegreeOfFreedom(model.alpha / 0.9, model.beta / 1.2, model.beta_quadratic / 1.2)
@@ -235,6 +236,7 @@ def test_a_thousand_designs_within_the_bounds_are_stable_and_without_some_are_no
 
 
 def test_anti_windup_bounds_action_and_overshoot() -> None:
+    """(8.29), Fig. 8.4."""
     a = bessel(3, 0.5)
     made = design(I_PD, LINEAR, a)
     results = []
