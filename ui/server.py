@@ -31,6 +31,8 @@ from ui.tuning import Previews
 if TYPE_CHECKING:
     from ui.web import WebServer
 
+FEED_S = 0.04
+"""Real time between two batches of values to the pages: all that a screen can show, however fast the star's time runs."""
 _RETRY_S = 2.0
 _MAX_KEYS = 1000
 _MAX_BYTES = 65_536
@@ -50,7 +52,7 @@ class Page(Service):
     """Feed the pages with the newest value of every key, and publish what operators ask for."""
 
     name = "ui"
-    rate_hz = 25.0  # no input wakes it: one batch of values a step is all that a screen can show
+    rate_hz = 25.0  # no input wakes it: what is new goes to the pages in batches
     everything = RawInput("**")
     joystick = Output(topics.OPERATOR_JOYSTICK)
     request = Output(topics.OPERATOR_REQUEST)
@@ -72,6 +74,7 @@ class Page(Service):
         self._wake_fd: int | None = None
         self._web: WebServer | None = None
         self._retry_s = 0.0
+        self._fed_s = 0.0
         self._topics: dict[str, Topic[Any] | None] = {}
         self._malformed = 0
 
@@ -90,6 +93,9 @@ class Page(Service):
             with contextlib.suppress(BlockingIOError):
                 os.eventfd_read(self._wake_fd)
         self._publish()
+        if 0.0 <= now_s - self._fed_s < 0.9 * FEED_S * self.warp:
+            return
+        self._fed_s = now_s
         update = self._update(round(now_s * NS))
         if self._web is None:
             if now_s >= self._retry_s:

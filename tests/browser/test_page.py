@@ -269,11 +269,17 @@ def test_the_camera_shows_the_picture_with_the_tracked_pose(page: Page, star: Fa
     expect(page.locator("#camera-note")).to_contain_text("quality 0.93")
 
 
-def test_services_devices_and_recording_are_shown(page: Page) -> None:
+def test_services_devices_and_recording_are_shown(page: Page, star: FakeStar) -> None:
+    beat = m.Heartbeat(
+        state="running", pid=1, rate_hz=2, late_steps=0, step_mean_ms=0, step_max_ms=0, clock_offset_s=3.2,
+        clock_uncertainty_s=0.0004,
+    )  # fmt: skip
+    star.publish(topics.HEARTBEAT.of("far"), beat)
     expect(page.locator("#recording")).to_contain_text("REC")
     page.click("[data-tab=health]")
     expect(page.locator('#health [data-service="helm"]')).to_have_attribute("data-level", "ok")
     expect(page.locator('#health [data-service="allocator"]')).to_contain_text("not seen")
+    expect(page.locator('#health [data-service="far"]')).to_contain_text("3200.0 ± 0.4")
     expect(page.locator("#health .devices")).to_contain_text("connected")
 
 

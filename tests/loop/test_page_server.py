@@ -217,3 +217,19 @@ def test_files_are_served_with_their_types_and_nothing_else(star: FakeStar) -> N
         assert kind in answer.headers["content-type"]
         assert "frame-ancestors 'none'" in answer.headers["content-security-policy"]
     assert httpx.get(star.url + "..%2fserver.py").status_code == 404
+
+
+@pytest.mark.parametrize("warp", [1.0, 10.0])
+def test_pages_are_fed_in_real_time_however_fast_the_stars_runs(warp: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    page = Page(PageConfig(port=0), load_vessel("pladypos"))
+    page.warp = warp
+    fed_s: list[float] = []
+    page.start(0.0)
+    try:
+        assert page._web is not None
+        monkeypatch.setattr(page._web, "deliver", lambda update, _status: fed_s.append(update.now_ns * 1e-9))
+        for step in range(round(10 * warp * page.rate_hz)):
+            page.step(1000.0 + step / page.rate_hz)
+    finally:
+        page.stop(2000.0)
+    assert 24.0 < len(fed_s) / 10.0 < 29.0

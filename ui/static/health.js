@@ -6,12 +6,16 @@ import { toast } from "./toasts.js";
 const DEAD_S = 2.5;
 const beat = (name) => `service/${name}/heartbeat`;
 
+/** Offset of a service's clock to the hub's, by how much it may be wrong; 0 where it cannot be told from that. */
+const clock = ({ clock_offset_s: offset, clock_uncertainty_s: uncertainty }) =>
+  uncertainty == null ? "" : `${offset ? fixed(offset * 1000, 1) : 0} ± ${fixed(uncertainty * 1000, 1)}`;
+
 export class Health {
   constructor(store, link, system) {
     Object.assign(this, { store, link, system });
     this.element = document.querySelector("#health");
     this.devices = h("div", { class: "devices" });
-    this.table = h("table", {}, h("thead", {}, h("tr", {}, ...["Service", "State", "Rate", "Step, ms", "Late", "Bad", "Gaps"].map((name) => h("th", {}, name)))));
+    this.table = h("table", {}, h("thead", {}, h("tr", {}, ...["Service", "State", "Rate", "Step, ms", "Late", "Bad", "Gaps", "Clock, ms"].map((name) => h("th", {}, name)))));
     this.actuators = h("table", { id: "actuators" }, h("thead", {}, h("tr", {}, ...["Actuator", "State", "Command", ""].map((name) => h("th", {}, name)))),
       ...system.actuators.map((name) => this.actuatorRow(name)));
     this.element.append(this.actuators, this.table, this.devices);
@@ -72,8 +76,8 @@ export class Health {
   }
 
   addRow(name) {
-    const cells = Array.from({ length: 6 }, () => h("td", { class: "num" }));
-    const note = h("td", { colspan: "7" });
+    const cells = Array.from({ length: 7 }, () => h("td", { class: "num" }));
+    const note = h("td", { colspan: "8" });
     const row = { cells, note, body: h("tbody", { "data-service": name }, h("tr", {}, h("th", { scope: "row" }, name), ...cells), h("tr", { class: "note", hidden: true }, note)) };
     const next = [...this.table.tBodies].find((body) => body.dataset.service > name);
     this.table.insertBefore(row.body, next ?? null);
@@ -86,7 +90,7 @@ export class Health {
     const b = this.store.get(beat(name)) ?? {};
     body.dataset.level = level;
     const step = b.pid === undefined ? "" : `${fixed(b.step_mean_ms, 1)} / ${fixed(b.step_max_ms, 1)}`;
-    const shown = [state, rate(b.rate_hz), step, b.late_steps, b.malformed, b.gaps];
+    const shown = [state, rate(b.rate_hz), step, b.late_steps, b.malformed, b.gaps, clock(b)];
     shown.forEach((value, i) => text(cells[i], String(value ?? "")));
     for (const i of [3, 4, 5]) cells[i].classList.toggle("warn", shown[i] > 0);
     text(note, b.note ?? "");
