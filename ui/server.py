@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from ui.web import WebServer
 
 FEED_S = 0.04
-"""Real time between two batches of values to the pages: all that a screen can show, however fast the star's time runs."""
+"""Real time between two batches of values to the pages, however fast the star's runs: all that a screen can show."""
 _RETRY_S = 2.0
 _MAX_KEYS = 1000
 _MAX_BYTES = 65_536

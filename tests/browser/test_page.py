@@ -279,8 +279,8 @@ def test_services_devices_and_recording_are_shown(page: Page, star: FakeStar) ->
     page.click("[data-tab=health]")
     expect(page.locator('#health [data-service="helm"]')).to_have_attribute("data-level", "ok")
     expect(page.locator('#health [data-service="allocator"]')).to_contain_text("not seen")
-    expect(page.locator('#health [data-service="far"]')).to_contain_text("3200.0 ± 0.4")
     expect(page.locator("#health .devices")).to_contain_text("connected")
+    expect(page.locator("#health .devices")).to_contain_text("corrected: far 3200.0 ± 0.4 ms")
 
 
 def test_a_thruster_is_left_out_and_works_again(page: Page, star: FakeStar) -> None:

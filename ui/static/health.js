@@ -6,16 +6,12 @@ import { toast } from "./toasts.js";
 const DEAD_S = 2.5;
 const beat = (name) => `service/${name}/heartbeat`;
 
-/** Offset of a service's clock to the hub's, by how much it may be wrong; 0 where it cannot be told from that. */
-const clock = ({ clock_offset_s: offset, clock_uncertainty_s: uncertainty }) =>
-  uncertainty == null ? "" : `${offset ? fixed(offset * 1000, 1) : 0} ± ${fixed(uncertainty * 1000, 1)}`;
-
 export class Health {
   constructor(store, link, system) {
     Object.assign(this, { store, link, system });
     this.element = document.querySelector("#health");
     this.devices = h("div", { class: "devices" });
-    this.table = h("table", {}, h("thead", {}, h("tr", {}, ...["Service", "State", "Rate", "Step, ms", "Late", "Bad", "Gaps", "Clock, ms"].map((name) => h("th", {}, name)))));
+    this.table = h("table", {}, h("thead", {}, h("tr", {}, ...["Service", "State", "Rate", "Step, ms", "Late", "Bad", "Gaps"].map((name) => h("th", {}, name)))));
     this.actuators = h("table", { id: "actuators" }, h("thead", {}, h("tr", {}, ...["Actuator", "State", "Command", ""].map((name) => h("th", {}, name)))),
       ...system.actuators.map((name) => this.actuatorRow(name)));
     this.element.append(this.actuators, this.table, this.devices);
@@ -76,8 +72,8 @@ export class Health {
   }
 
   addRow(name) {
-    const cells = Array.from({ length: 7 }, () => h("td", { class: "num" }));
-    const note = h("td", { colspan: "8" });
+    const cells = Array.from({ length: 6 }, () => h("td", { class: "num" }));
+    const note = h("td", { colspan: "7" });
     const row = { cells, note, body: h("tbody", { "data-service": name }, h("tr", {}, h("th", { scope: "row" }, name), ...cells), h("tr", { class: "note", hidden: true }, note)) };
     const next = [...this.table.tBodies].find((body) => body.dataset.service > name);
     this.table.insertBefore(row.body, next ?? null);
@@ -90,7 +86,7 @@ export class Health {
     const b = this.store.get(beat(name)) ?? {};
     body.dataset.level = level;
     const step = b.pid === undefined ? "" : `${fixed(b.step_mean_ms, 1)} / ${fixed(b.step_max_ms, 1)}`;
-    const shown = [state, rate(b.rate_hz), step, b.late_steps, b.malformed, b.gaps, clock(b)];
+    const shown = [state, rate(b.rate_hz), step, b.late_steps, b.malformed, b.gaps];
     shown.forEach((value, i) => text(cells[i], String(value ?? "")));
     for (const i of [3, 4, 5]) cells[i].classList.toggle("warn", shown[i] > 0);
     text(note, b.note ?? "");
@@ -107,6 +103,7 @@ export class Health {
       ["Radio link", link && `${link.state} · ${link.port}`, link && (link.error || `lost ${link.lost} of ${link.received + link.lost} · bad CRC ${link.crc_errors + link.platform_crc_errors} · round trip ${age(link.round_trip_s ?? NaN)}${battery ? ` · ${fixed(battery, 1)} V` : ""}`)],
       ["Camera", camera && `${camera.state} · ${camera.camera}`, camera && (camera.error || `${rate(camera.rate_hz)} · dropped ${camera.frames_dropped} · ${fixed(camera.latency_s * 1000, 1)} ms`)],
       ["Recorder", recorder && `${recorder.state} · ${recorder.file.split("/").at(-1)}`, recorder && (recorder.error || `${bytes(recorder.size_bytes)} · ${recorder.messages} messages · dropped ${recorder.dropped}`)],
+      ["Clocks", ...this.clocks()],
       ["Page", `${this.link.client} · ${server.pages} open`, `refused from pages ${server.refused} · malformed on the bus ${server.malformed} · dropped ${server.dropped}`],
     ];
     cards.forEach(([title, first, second], i) => {
@@ -114,6 +111,15 @@ export class Health {
       text(card.children[1], first || "not seen");
       text(card.children[2], second || "");
     });
+  }
+
+  /** To what stamps of two services can be compared (their clocks' uncertainties), and whose clock is not the hub's. */
+  clocks() {
+    const beats = this.names().map((name) => [name, this.store.get(beat(name))]).filter(([, b]) => b?.clock_uncertainty_s != null);
+    if (!beats.length) return ["", ""];
+    const worst = beats.map(([, b]) => b.clock_uncertainty_s).sort((a, b) => b - a);
+    const off = beats.filter(([, b]) => b.clock_offset_s).map(([name, b]) => `${name} ${fixed(b.clock_offset_s * 1000, 1)} ± ${fixed(b.clock_uncertainty_s * 1000, 1)} ms`);
+    return [`stamps comparable to ${fixed((worst[0] + (worst[1] ?? 0)) * 1000, 1)} ms`, off.length ? `corrected: ${off.join(", ")}` : "none differs from the hub's"];
   }
 
   showLamps() {
