@@ -232,6 +232,39 @@ def test_a_thousand_designs_within_the_bounds_are_stable_and_without_some_are_no
     assert unstable_share(1000, within=False, seed=1) > 0.03
 
 
+def test_the_limiter_of_8_27_keeps_a_large_step_stable() -> None:
+    """Fig. 8.3 in the law itself, with the worst errors of (8.27): without the limiter the same step runs away."""
+    identified, true = DegreeOfFreedom(1.0, 0.0, 1.0), DegreeOfFreedom(1.0 / 0.9, 0.0, 1.0 / 1.2)
+    made = limited(design(I_PD, identified, bessel(3, 1.0)))
+    with_it, without = (
+        step_response(loop, true, 50.0, math.inf, 40.0, 0.005) for loop in (made, replace(made, speed_limit=math.inf))
+    )
+    assert with_it.settling_s < 15.0
+    assert with_it.overshoot < 0.2
+    assert without.settling_s == math.inf
+    assert without.overshoot > 10.0
+
+
+def test_random_designs_of_the_laws_themselves_are_stable_within_the_bounds() -> None:
+    """As the thousand above, which are simulated all at once, by `limited`, `design` and `SingleLoop`."""
+    rng = np.random.default_rng(3)
+    for k in range(60):
+        w0, alpha, size = 10.0 ** rng.uniform(-1.0, 0.5), 10.0 ** rng.uniform(-1.0, 2.0), 10.0 ** rng.uniform(-1.0, 1.0)
+        constant, linear = drag_bound(bessel(3, w0)) * alpha * rng.uniform(), alpha * 10.0 ** rng.uniform(-1.0, 1.0)
+        identified = DegreeOfFreedom(alpha, *((constant, 0.0) if k % 2 else (0.0, linear)))
+        drag_error, inertia_error = 1.0 + rng.uniform(-0.2, 0.2), 1.0 + rng.uniform(-0.1, 0.1)
+        true = DegreeOfFreedom(
+            alpha / inertia_error, identified.beta / drag_error, identified.beta_quadratic / drag_error
+        )
+        step = 1.0 if k % 2 else size * alpha / linear
+        made = limited(design(I_PD, identified, bessel(3, w0)))
+        fastest = max(w0, (true.beta + true.beta_quadratic * 2.0 * step * w0) / true.alpha)
+        response = step_response(made, true, step, math.inf, 45.0 / w0, 0.2 / fastest)
+        half = len(response.eta) // 2
+        early, late = (max(abs(e - step) for e in part) for part in (response.eta[1:half], response.eta[half:]))
+        assert late < early, (identified, true, step)
+
+
 # Anti-windup
 
 
