@@ -12,6 +12,7 @@ from bus.config import ConfigError, Section
 from bus.messages import AttainedWrench, ControlStatus, HelmState, NavigationState, Shaping, Wrench
 from bus.service import Input, Output, Service
 from marine.control.base import ZERO, ControlLaw, Vector3
+from marine.control.heading import Heading
 from marine.control.laws import known_laws
 from marine.control.tracking import missing_of
 from marine.guidance.reference_filter import MotionLimits, ReferenceFilter
@@ -118,6 +119,7 @@ class Controller(Service):
             motion=motion,
             filter=ReferenceFilter(motion) if shaping.enabled else None,
             config=config,
+            steering=config.steering,
         )
         try:
             self.tools.positioning = config.build(config.positioning, vessel, limits)
@@ -153,12 +155,16 @@ class Controller(Service):
         self._tell(now_s)
 
     def _tuning_desk(self, config: ControllerConfig) -> TuningDesk | None:
-        law, shaping = self.tools.positioning, config.reference_filter
-        if law is None:
-            return None
-        parameters = config.laws.get(law.name, law.Parameters())
-        shape = shaping.shaping if shaping.enabled else None
-        return TuningDesk(self.tools.vessel, self.tools.limits, law, parameters, shape)
+        """Return what tunes the positioning law, of a vessel without one its heading loop."""
+        tools, shaping = self.tools, config.reference_filter
+        law, parameters, shape = tools.positioning, config.steering, shaping.shaping if shaping.enabled else None
+        if law is not None:
+            return TuningDesk(tools.vessel, tools.limits, law, config.laws.get(law.name, law.Parameters()), shape)
+        try:
+            heading = Heading(parameters, tools.vessel, tools.limits)
+        except ValueError:
+            return None  # guidance_for says why
+        return TuningDesk(tools.vessel, tools.limits, heading, parameters, None) if tools.limits[2] else None
 
     def _retune(self, helm: HelmState | None, now_s: float) -> None:
         """Answer requests for another law or other gains; go on with them without a jump."""
@@ -175,10 +181,14 @@ class Controller(Service):
         if (news := desk.news(now_s, changed=changed)) is not None:
             self.gains.publish(news)
 
-    def _exchange(self, positioning: ControlLaw, vessel: Vessel) -> None:
+    def _exchange(self, law: ControlLaw, vessel: Vessel) -> None:
         """Take over from what acts by another law; all modes are designed anew for the vessel's models."""
         tools, shaping = self.tools, self._config.reference_filter
-        tools.positioning, tools.vessel, tools.motion = positioning, vessel, shaping.motion(vessel, tools.limits)
+        if isinstance(law, Heading):
+            tools.steering = law.parameters
+        else:
+            tools.positioning = law
+        tools.vessel, tools.motion = vessel, shaping.motion(vessel, tools.limits)
         tools.filter = ReferenceFilter(tools.motion) if shaping.enabled else None
         self._guidance, self._running = guidance_for(tools)[0], None
 

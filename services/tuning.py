@@ -17,7 +17,7 @@ from marine.control.preview import StepResponse, law_step
 from marine.control.stability import drag_bound, margins
 from marine.control.structures import LoopDesign
 from marine.guidance.reference_filter import MotionLimits, ReferenceFilter
-from marine.vessel import DegreeOfFreedom, Sensor, Vessel
+from marine.vessel import Axis, DegreeOfFreedom, Sensor, Vessel
 
 AXES: tuple[TunedAxis, ...] = ("surge", "sway", "yaw")
 STEPS: dict[TunedAxis, float] = {"surge": 1.0, "sway": 1.0, "yaw": math.pi / 2.0}
@@ -38,6 +38,18 @@ def horizontal_limits(vessel: Vessel) -> Vector3:
     """Return the largest |X|, |Y|, |N| of a vessel's actuators, each alone."""
     X, Y, _, _, _, N = axis_limits(vessel)
     return X, Y, N
+
+
+def serving(vessel: Vessel) -> str:
+    """Return what the laws serve that a vessel is tuned by: positioning, or steering where it cannot hold a place."""
+    return "positioning" if {"X", "Y", "N"} <= set(vessel.controlled) else "steering"
+
+
+def tuned_axes(vessel: Vessel) -> tuple[TunedAxis, ...]:
+    """Return the axes that such a law acts on."""
+    controlled: dict[TunedAxis, Axis] = {"surge": "X", "sway": "Y", "yaw": "N"}
+    found: tuple[TunedAxis, ...] = AXES if serving(vessel) == "positioning" else ("yaw",)
+    return tuple(axis for axis in found if controlled[axis] in vessel.controlled)
 
 
 def parameters_of(law: type[ControlLaw], values: Any) -> Any:
@@ -65,7 +77,8 @@ def designed(tuning: Tuning, vessel: Vessel, limits: Vector3, *, trusted: bool =
     Refused are what the law refuses (unknown parameters, gains of an unstable loop, (8.22)) and, unless it is trusted,
     loops whose delay margin is less than what the vessel's sensors and commands take.
     """
-    known = [law.name for law in known_laws().values() if law.serves == "positioning"]
+    serves = serving(vessel)
+    known = [law.name for law in known_laws().values() if law.serves == serves]
     if tuning.law not in known:
         raise TuningError(f"no law is called {tuning.law!r}; known: {', '.join(known)}")
     kind = known_laws()[tuning.law]
@@ -176,7 +189,7 @@ def preview(
     longest_s = DURATION / vessel.hold_w0_rad_s
     found: dict[TunedAxis, dict[str, Any]] = {}
     for number, axis in enumerate(AXES):
-        if limits[number] <= 0.0:
+        if axis not in tuned_axes(vessel):
             continue
         found[axis] = loop_figures(loops(law)[axis]) if axis in loops(law) else {}
         for name, aside in (("step", False), ("aside", True)):

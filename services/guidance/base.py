@@ -11,6 +11,7 @@ from pydantic import Field
 from bus.config import Section
 from bus.messages import HelmState, WallState
 from marine.control.base import ControlLaw, Vector3
+from marine.control.heading import HeadingParameters
 from marine.guidance.reference_filter import MotionLimits, ReferenceFilter
 from marine.vessel import Axis, SensorKind, Vessel
 
@@ -33,6 +34,11 @@ class GuidanceConfig(Section):
     heading_w0_rad_s: float | None = Field(None, gt=0, description="heading on the way; none: the vessel file's [hold]")
     speed_w0_rad_s: float | None = Field(None, gt=0, description="speed ahead; none: the vessel file's [hold]")
 
+    @property
+    def steering(self) -> HeadingParameters:
+        """The heading loop's design as configured."""
+        return HeadingParameters(self.heading, self.heading_w0_rad_s)
+
 
 @dataclass
 class Tools:
@@ -47,6 +53,8 @@ class Tools:
     filter: ReferenceFilter | None
     """None: the law gets steps as they are."""
     config: GuidanceConfig
+    steering: HeadingParameters = HeadingParameters()
+    """Design of the heading loop, where there is no positioning law or on the way."""
 
 
 class Seen(NamedTuple):

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from bus.messages import AttainedWrench, NavigationState
 from marine.allocation import axis_limits
-from marine.control.single_loop import LimitedLoop
 from marine.vessel import Vessel
-from services.guidance.loops import bessel_loop
+from services.guidance.loops import depth_loop
 
 
 class DepthKeeping:
@@ -15,7 +14,7 @@ class DepthKeeping:
     def __init__(self, vessel: Vessel) -> None:
         """vessel: one with a model of heave and an actuator for it."""
         assert vessel.model.heave is not None
-        self._loop: LimitedLoop = bessel_loop(vessel.model.heave, axis_limits(vessel)[2], vessel.hold_w0_rad_s)
+        self._loop = depth_loop(vessel.model.heave, axis_limits(vessel)[2], vessel.hold_w0_rad_s)
         self._running = False
         self.error_m: float | None = None
         """Of the last step, None when there is no depth to keep."""

@@ -6,6 +6,7 @@ from typing import Any
 
 from bus.messages import HelmState
 from marine.control.base import ZERO, Reference, Vector3
+from marine.control.washout import Washout
 from marine.frames import to_body, to_tank, wrap_angle
 from services.guidance.base import Guidance, Ours, Seen, Tools, reference_told
 
@@ -21,12 +22,14 @@ class PoseKeeping(Guidance):
         if tools.positioning is None:
             raise ValueError(f"{tools.vessel.name} has no positioning law")
         self._error, self._reference = ZERO, ZERO
+        self._news = Washout(1.0 / tools.vessel.hold_w0_rad_s)
 
     def engage(self, order: HelmState, seen: Seen) -> None:
         """Start the filter here, and the law from what the actuators give."""
         law, filter_ = self.tools.positioning, self.tools.filter
         assert law is not None
         law.follow(seen.eta, seen.nu, seen.given)
+        self._news.start(seen.disturbance)
         if filter_:
             filter_.start(seen.eta, rate_in_tank(seen))
 
@@ -43,7 +46,7 @@ class PoseKeeping(Guidance):
         reference = self._shaped(seen.dt_s, target) if all(seen.ours) else Reference(target)
         self._error = (target[0] - seen.eta[0], target[1] - seen.eta[1], wrap_angle(target[2] - seen.eta[2]))
         self._reference = reference.eta
-        disturbance = ZERO if law.integral else seen.disturbance
+        disturbance = self._news.step(seen.dt_s, seen.disturbance) if law.integral else seen.disturbance
         return law.step(seen.dt_s, reference, seen.eta, seen.nu, seen.missing, disturbance)
 
     def _shaped(self, dt_s: float, target: Vector3) -> Reference:
