@@ -11,7 +11,7 @@ from bus import topics
 from bus.clock import NS
 from bus.config import Deployment, Section
 from bus.messages import HubStatistics, Traffic
-from bus.security import client_settings, hub_settings, is_local
+from bus.security import client_settings, hub_settings, is_address, is_local
 from bus.service import Output, Service
 from bus.store import Store
 from bus.zenoh_bus import HubBus
@@ -60,6 +60,8 @@ class HubConfig(Section):
     @model_validator(mode="after")
     def _is_guarded(self) -> Self:
         for address in self.addresses:
+            if not is_address(address):
+                raise ValueError(f"{address!r} is no address: write tcp/HOST:PORT or tls/HOST:PORT")
             if self.security and not address.startswith("tls/"):
                 raise ValueError(f"{address}: with `security` every address begins with tls/")
             if not (self.security or self.open or is_local(address)):

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import ipaddress
 import json
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -21,8 +22,16 @@ from bus.config import ConfigError
 HUB_NAME = "starboard-hub"
 """Common name of the hub's certificate: a standby recognises by it the hub it has linked to."""
 
+_ADDRESS = re.compile(r"(?:tcp|tls|udp|quic|ws)/[^/\s]+:(?P<port>\d{1,5})(?:[?#].*)?|unixsock-stream/.+")
+
 Secured = Mapping[str, Any]
 """Settings of a Zenoh session by their path in its configuration."""
+
+
+def is_address(endpoint: str) -> bool:
+    """Whether a text has the form of an address of Zenoh's: tcp/HOST:PORT, tls/[::1]:PORT, unixsock-stream/PATH."""
+    found = _ADDRESS.fullmatch(endpoint)
+    return found is not None and int(found["port"] or 1) <= 65535
 
 
 def is_local(endpoint: str) -> bool:

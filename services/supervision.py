@@ -33,6 +33,8 @@ LATE_S = 5.0
 _CREDENTIALS = struct.Struct("3i")
 _LOG_HEAD = re.compile(r"^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} ")
 """What a log line begins with in its file; on the terminal each line has its time and service already."""
+_DUMP = re.compile(r'(Current t|T)hread 0x|  File ".*", line \d+ in |Extension modules: ')
+"""Lines of what faulthandler writes when a loop hangs or the interpreter crashes; they stay in the log."""
 _STATES = {
     events.ProcessStateStartingEvent: "starting",
     events.ProcessStateBackoffEvent: "backoff",
@@ -114,7 +116,7 @@ class Star(Supervisor):  # type: ignore[misc]
         self.tell = tell
         self.states: dict[str, ServiceState] = {}
         self._fed_s: dict[int, float] = {}
-        self._in_traceback: set[str] = set()
+        self._lines = LogLines(run_dir, tell)
         self._notify = _notify_socket(run_dir / "notify")
 
     def runforever(self) -> None:
@@ -183,19 +185,7 @@ class Star(Supervisor):  # type: ignore[misc]
         self.tell(entry.name, f"{reason}: {ending.get(state, 'starts again')}")
 
     def _on_stderr(self, event: events.ProcessLogStderrEvent) -> None:
-        for line in event.data.decode(errors="replace").splitlines():
-            if line.strip():
-                self._tell_line(event.process.config.name, line)
-
-    def _tell_line(self, name: str, line: str) -> None:
-        """Print a line of a service's log; of a traceback only the last line, the rest stays in the log."""
-        if line.startswith("Traceback"):
-            self._in_traceback.add(name)
-        elif name not in self._in_traceback:
-            self.tell(name, _LOG_HEAD.sub("", line).removeprefix(f"{name}: "))
-        elif not line.startswith(" "):
-            self._in_traceback.discard(name)
-            self.tell(name, f"{line} (traceback in {self.run_dir}/log/{name}.log)")
+        self._lines.take(event.process.config.name, event.data)
 
     def _read_notify(self) -> None:
         while True:
@@ -235,6 +225,37 @@ class Star(Supervisor):  # type: ignore[misc]
         temporary = path.with_suffix(".tmp")
         temporary.write_text(json.dumps([asdict(s) for s in self.states.values()]))
         temporary.replace(path)
+
+
+class LogLines:
+    """What services write to stderr, line by line for the terminal; the rest of a traceback stays in the log."""
+
+    def __init__(self, run_dir: Path, tell: Callable[[str, str], None]) -> None:
+        self._run_dir = run_dir
+        self._tell = tell
+        self._unfinished: dict[str, bytes] = {}
+        self._in_traceback: set[str] = set()
+
+    def take(self, name: str, data: bytes) -> None:
+        """Take in what a service wrote; it may end in the middle of a line."""
+        *lines, self._unfinished[name] = (self._unfinished.get(name, b"") + data).split(b"\n")
+        for line in lines:
+            if line.strip():
+                self._take_line(name, line.decode(errors="replace"))
+
+    def _take_line(self, name: str, line: str) -> None:
+        where = f"(traceback in {self._run_dir}/log/{name}.log)"
+        if line.startswith("Traceback"):
+            self._in_traceback.add(name)
+        elif line.startswith("Timeout ("):
+            self._tell(name, f"its loop hangs: ended {where}")
+        elif _DUMP.match(line):
+            return
+        elif name not in self._in_traceback:
+            self._tell(name, _LOG_HEAD.sub("", line).removeprefix(f"{name}: "))
+        elif not line.startswith(" "):
+            self._in_traceback.discard(name)
+            self._tell(name, f"{line} {where}")
 
 
 class _Reader:

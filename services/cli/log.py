@@ -26,10 +26,17 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
 
 @app.command("list")
 def list_recordings(
-    directory: Annotated[Path, typer.Argument(help="Folder of recordings.")] = Path("recordings"),
+    directory: Annotated[
+        Path | None, typer.Argument(help="Folder of recordings; without it the running system's, or recordings.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """List the recordings of a folder: start, duration, size, messages, whether complete."""
+    if directory is None:
+        from services.cli.system import running
+
+        system = running()
+        directory = system.recordings if system else Path("recordings")
     if not directory.is_dir():
         raise CliError(f"{directory}: no such folder; name the one with the recordings")
     rows = [_row(path) for path in sorted(directory.glob("*.mcap"))]

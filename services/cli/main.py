@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+from typing import Annotated
 
 import typer
 
@@ -55,8 +56,20 @@ def _load(target: str) -> object:
     return getattr(importlib.import_module(module), name)
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        print(f"starboard {version('starboard')}")
+        raise typer.Exit
+
+
 @app.callback()
-def _starboard() -> None:
+def _starboard(
+    _version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
     """Control system of a laboratory marine vessel: processes around one key-value bus."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import sys
 import time
@@ -45,6 +46,12 @@ def play(  # noqa: PLR0917 - typer makes options of them
         raise CliError(f"--to {to_s:g} must be more than --from {from_s:g}")
     name = f"{PREFIX}/{recording.vessel or file.stem}"
     entries = _between(recording, keys, from_s, to_s)
+    if (first := next(entries, None)) is None:
+        end = "" if to_s is None else f" to {to_s:g} s"
+        raise CliError(
+            f"{file}: no message of these topics from {from_s:g} s{end} (it lasts {recording.duration_s:.1f} s)"
+        )
+    entries = itertools.chain((first,), entries)
     with client(hub, vessel=name) as bus:
         player = Player(speed, recording.start_ns + round(from_s * NS), bus.put)
         try:

@@ -29,7 +29,8 @@ def status(
     services = [_service(s, beats.get(n), now_ns) for n, s in known.items()]
     topics = [{"key": v.key, "age_s": round((now_ns - v.received_ns) * 1e-9, 3), "rate_hz": v.rate_hz} for v in values]
     if as_json:
-        print(json.dumps({"services": services, "topics": topics, "warp": _warp(services)}))
+        about = {"warp": _warp(services), "clock": _comparable(services)}
+        print(json.dumps({"services": services, "topics": topics} | about))
     else:
         _print(services, topics)
 
@@ -41,6 +42,17 @@ def _warp(services: list[dict[str, Any]]) -> dict[str, Any]:
     if slowest is None:
         return {"factor": 1.0, "reached": None, "slowest": ""}
     return {"factor": slowest["warp"], "reached": slowest["warp_reached"], "slowest": slowest["name"]}
+
+
+def _comparable(services: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return to how many ms stamps of different processes can be compared, and whose clocks are not measured.
+
+    A stamp is wrong by at most its process' uncertainty: two of them by that of the two worst. The hub's clock is the
+    star's: there is nothing to measure.
+    """
+    known = sorted(s["clock_uncertainty_ms"] for s in services if s["clock_uncertainty_ms"] is not None)
+    unmeasured = [s["name"] for s in services if s["clock_uncertainty_ms"] is None and s["name"] != "hub"]
+    return {"comparable_ms": round(sum(known[-2:]), 3) if known else None, "not_measured": unmeasured}
 
 
 def _service(known: dict[str, Any], beat: Any, now_ns: int) -> dict[str, Any]:
@@ -70,28 +82,36 @@ def _ms(seconds: float | None) -> float | None:
 
 
 def _clock(service: dict[str, Any]) -> str:
-    """Return the offset of a service's clock to the hub's, where it can be told from none."""
+    """Return the offset of a service's clock to the hub's: 0 where the measurement cannot tell it from that."""
     offset_ms, uncertainty_ms = service["clock_offset_ms"], service["clock_uncertainty_ms"]
-    return f"{offset_ms:+.1f} ± {uncertainty_ms:.1f}" if offset_ms else ""
+    return "" if uncertainty_ms is None else f"{offset_ms:+.1f} ± {uncertainty_ms:.1f}".replace("+0.0", "0")
 
 
 def _print(services: list[dict[str, Any]], topics: list[dict[str, Any]]) -> None:
+    from rich import box
     from rich.console import Console
     from rich.table import Table
 
     console = Console()
-    table = Table(
-        "service", "state", "restarts", "rate Hz", "longest step ms", "late", "malformed", "gaps", "clock ms", "note"
-    )
+    console.width = max(console.width, 96)
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name in ("service", "state", "restarts", "Hz", "max ms", "late", "bad", "gaps", "clock ms"):
+        table.add_column(name, no_wrap=True, justify="left" if name in ("service", "state") else "right")
     for s in services:
         style = "" if s["state"] == "running" else "yellow" if s["state"] == "starting" else "red"
-        numbers = [s["rate_hz"], s["step_max_ms"], s["late_steps"], s["malformed"], s["gaps"]]
-        table.add_row(s["name"], s["state"], str(s["restarts"]), *map(str, numbers), _clock(s), s["note"], style=style)
+        numbers = [s["restarts"], s["rate_hz"], s["step_max_ms"], s["late_steps"], s["malformed"], s["gaps"]]
+        table.add_row(s["name"], s["state"], *map(str, numbers), _clock(s), style=style)
     console.print(table)
-    warp = _warp(services)
+    for s in services:
+        if s["note"]:
+            console.print(f"{s['name']}: {s['note']}", highlight=False, markup=False)
+    warp, clock = _warp(services), _comparable(services)
     if warp["factor"] != 1.0:
         console.print(f"time runs {warp['factor']:g} times as fast; {warp['reached']:.2f} reached ({warp['slowest']})")
-    table = Table("topic", "age s", "rate Hz")
+    if clock["comparable_ms"] is not None:
+        unmeasured = f"; not measured: {', '.join(clock['not_measured'])}" if clock["not_measured"] else ""
+        print(f"clocks measured through the hub: stamps are comparable to {clock['comparable_ms']:.1f} ms{unmeasured}")
+    table = Table("topic", "age s", "rate Hz", box=box.SIMPLE_HEAD)
     for t in topics:
         table.add_row(t["key"], f"{t['age_s']:.2f}", f"{t['rate_hz']:.1f}")
     console.print(table)

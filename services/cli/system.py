@@ -87,7 +87,7 @@ def client(hub: str | None, timeout_s: float = 2.0, vessel: str | None = None) -
     `vessel` is the prefix of all keys, where it is not the running system's. The password of `operator` is the running
     system's, or that of the folder in STARBOARD_SECURITY.
     """
-    from bus.security import client_settings
+    from bus.security import client_settings, is_address
     from bus.zenoh_bus import HubUnreachableError, ZenohBus
     from services.catalog import load_settings
 
@@ -98,6 +98,9 @@ def client(hub: str | None, timeout_s: float = 2.0, vessel: str | None = None) -
     else:
         prefix = system.vessel if system else load_settings(None).system.vessel
         endpoints = tuple(hub.split(",")) if hub else (system.hub if system else ())
+    for address in endpoints:
+        if not is_address(address):
+            raise CliError(f"--hub {address}: no address: write tcp/HOST:PORT or tls/HOST:PORT, with commas between")
     given = os.environ.get(SECURITY)
     folder = Path(given) if given else system.security if system else None
     if folder is None and any(address.startswith("tls/") for address in endpoints):

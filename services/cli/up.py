@@ -25,7 +25,10 @@ def up(
         Path, typer.Argument(help="Configuration file: config/pool.toml for the real pool.")
     ] = DEFAULT_CONFIG,
     warp: Annotated[
-        float, typer.Option(min=0.01, help="So many times faster than real time, in simulation; above 2 no pictures.")
+        float,
+        typer.Option(
+            min=0.01, max=1000.0, help="So many times faster than real time, in simulation; above 2 no pictures."
+        ),
     ] = 1.0,
 ) -> None:
     """Start everything and watch it; prints the page's address. Ctrl-C stops it all."""
@@ -42,6 +45,7 @@ def up(
             f"a system runs already (pid {other.pid}, {other.page}): stop it with Ctrl-C there, "
             "or set STARBOARD_RUN_DIR to start a second one"
         )
+    check_ports(settings)
     deployment = settings.deployment()
     deployment.run_dir.mkdir(mode=0o700, parents=True, exist_ok=True)
     for old in deployment.run_dir.glob("*.snapshot"):
@@ -78,6 +82,24 @@ def warped(settings: Settings, factor: float) -> Settings:
     if settings.hub.security:
         raise CliError(f"--warp {factor:g}: the access rules are for real time; unset security in [hub]")
     return settings.at(Warp(factor, time.time_ns()))
+
+
+def check_ports(settings: Settings) -> None:
+    """Raise CliError where somebody listens already at a hub's address: our services would join that other star."""
+    import errno
+    import socket
+
+    for address in () if settings.hub.router else settings.hub.addresses:
+        host, _, port = address.partition("/")[2].partition("?")[0].partition("#")[0].rpartition(":")
+        host = host.strip("[]")
+        try:
+            socket.create_server((host, int(port)), family=socket.AF_INET6 if ":" in host else socket.AF_INET).close()
+        except (OSError, ValueError) as error:  # of other reasons the hub tells
+            if isinstance(error, OSError) and error.errno == errno.EADDRINUSE:
+                raise CliError(
+                    f"{address}: another star (or program) has this port: stop it, or set other addresses "
+                    "for this one in [hub]: listen, standby"
+                ) from None
 
 
 def check_rules(settings: Settings) -> None:

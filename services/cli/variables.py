@@ -193,7 +193,7 @@ def _fields(key: str, values: list[str]) -> dict[str, Any]:
         return {name: _word(text) for name, text in pairs}
     try:
         fields = json.loads(" ".join(values))
-    except json.JSONDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise CliError(f"{key}: the fields are neither JSON ({error}) nor pairs name=value") from None
     if not isinstance(fields, dict):
         raise CliError(f"{key}: the fields must be a JSON object, such as {{}}")
@@ -203,7 +203,7 @@ def _fields(key: str, values: list[str]) -> dict[str, Any]:
 def _word(text: str) -> Any:
     try:
         return json.loads(text)
-    except ValueError:
+    except (ValueError, RecursionError):
         return text
 
 

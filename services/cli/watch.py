@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from collections import deque
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from services.cli.board import Board
 
 REFRESH_S = 0.2
+SILENT_S = 3.0
+"""After so long without anything `watch` says so, once, on stderr."""
 BACKLOG = 50_000
 
 
@@ -60,6 +63,7 @@ def _print_lines(heard: deque[RawSample], as_json: bool, every_s: float, count: 
 
     printed = 0
     told_ns: dict[str, int] = {}
+    silent_at_s = time.monotonic() + SILENT_S
     while True:
         while heard:
             sample = heard.popleft()
@@ -70,6 +74,9 @@ def _print_lines(heard: deque[RawSample], as_json: bool, every_s: float, count: 
             printed += 1
             if printed == count:
                 return
+        if not told_ns and time.monotonic() > silent_at_s:
+            silent_at_s = math.inf
+            print("starboard: nothing has come yet; `starboard status` lists what is published", file=sys.stderr)
         sys.stdout.flush()
         time.sleep(0.02)
 

@@ -43,6 +43,15 @@ def started(star: RunningStar, *arguments: str) -> subprocess.Popen[str]:
     )  # fmt: skip
 
 
+def test_status_can_be_read_on_a_narrow_terminal(star: RunningStar) -> None:
+    shown = star.cli("status").stdout
+    for name in ("hub_standby", "camera_calibration", "platform_link", "navigation/state"):
+        assert name in shown
+    assert "…" not in shown
+    assert "stamps are comparable to" in shown
+    assert "pladypos.mcap" in star.cli("log", "list").stdout, "the running system's folder, wherever one stands"
+
+
 def test_get_takes_key_expressions(star: RunningStar) -> None:
     rows = json.loads(star.cli("get", "navigation/*", "--json").stdout)
     assert [r["key"] for r in rows] == ["navigation/state"]
