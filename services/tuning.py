@@ -88,12 +88,8 @@ def designed(tuning: Tuning, vessel: Vessel, limits: Vector3, *, trusted: bool =
     except ValueError as error:
         raise TuningError(str(error)) from None
     for axis, loop in loops(law).items() if not trusted else ():
-        delay_s, margin_s = loop_delay_s(vessel, axis), margins(loop).delay_s
-        if margin_s < delay_s:
-            raise TuningError(
-                f"{axis} would not be stable: its delay margin is {margin_s:.3f} s, and sensor and command take "
-                f"{delay_s:.3f} s: take a slower model function"
-            )
+        if reason := too_late(loop, vessel, axis):
+            raise TuningError(reason)
     return tuned, law
 
 
@@ -132,9 +128,20 @@ def gains(loop: LoopDesign) -> LoopGains:
 
 def loop_delay_s(vessel: Vessel, axis: str) -> float:
     """Return what sensor and command delay a loop on average: half a sample, the age of the newest, the command's."""
-    kinds = ("camera", "compass") if axis == "yaw" else ("camera", "position")
+    kinds = {"yaw": ("camera", "compass"), "heave": ("depth",)}.get(axis, ("camera", "position"))
     sensor: Sensor | None = next((s for kind in kinds if (s := vessel.sensor(kind))), None)  # type: ignore[arg-type]
     return vessel.command_delay_s + (1.5 * sensor.sample_time_s + sensor.delay_s if sensor else 0.0)
+
+
+def too_late(loop: LoopDesign, vessel: Vessel, axis: str) -> str:
+    """Return why a loop is too fast for what sensor and command delay it, empty when it is not."""
+    delay_s, margin_s = loop_delay_s(vessel, axis), margins(loop).delay_s
+    if margin_s >= delay_s:
+        return ""
+    return (
+        f"{axis} would not be stable: its delay margin is {margin_s:.3f} s, and sensor and command take "
+        f"{delay_s:.3f} s: take a slower model function"
+    )
 
 
 # --- before engaging

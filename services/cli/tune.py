@@ -25,6 +25,8 @@ DOFS = {"surge": ("m", "N", 0), "sway": ("m", "N", 1), "heave": ("m", "N", 2), "
 DURATION = 20.0
 """Of the predicted step, in units of 1/w0."""
 STEPS = 4000
+LONGER = 5
+"""So many times the prediction is made, each twice as long, until it ends at rest."""
 
 
 @dataclass(frozen=True)
@@ -86,8 +88,9 @@ def _candidates(  # noqa: PLR0917
 ) -> list[Candidate]:
     """Return the proposed design, and the present one unless it is the same; raise CliError for nonsense."""
     from marine.allocation import axis_limits
-    from marine.control.model_function import bessel, model_function
-    from marine.control.structures import STRUCTURES
+    from marine.control.model_function import model_function
+    from marine.control.preview import natural_time_s
+    from marine.control.structures import STRUCTURES, design
 
     identified: DegreeOfFreedom | None = getattr(vessel.model, dof)
     limit = axis_limits(vessel)[DOFS[dof][2]]
@@ -97,69 +100,101 @@ def _candidates(  # noqa: PLR0917
         raise CliError(f"no actuator of {vessel.name} acts on {dof}: nothing to tune")
     if structure not in STRUCTURES:
         raise CliError(f"no structure is called {structure!r}; known: {', '.join(STRUCTURES)}")
-    present = bessel(3, vessel.hold_w0_rad_s)
+    size = math.radians(step) if dof == "yaw" else step
+    present = _present(vessel, dof)
+    shown = [_judged("present", present, _coefficients(present), vessel, dof, size)] if present else []
+    if (structure, model, w0) == ("I-PD", "bessel", None) and present:
+        return shown
+    usual = 1.0 / natural_time_s(present) if present else vessel.hold_w0_rad_s
     try:
-        a = model_function(model, STRUCTURES[structure].order, vessel.hold_w0_rad_s if w0 is None else w0)
+        a = model_function(model, STRUCTURES[structure].order, usual if w0 is None else w0)
     except ValueError as error:
         raise CliError(str(error)) from None
-    size = math.radians(step) if dof == "yaw" else step
-    if structure == "I-PD" and a == present:
-        return [_candidate("present", structure, identified, a, size, limit)]
-    return [
-        _candidate("proposed", structure, identified, a, size, limit),
-        _candidate("present", "I-PD", identified, present, size, limit),
-    ]
-
-
-def _candidate(  # noqa: PLR0917
-    name: str, structure: str, identified: DegreeOfFreedom, a: tuple[float, ...], step: float, limit: float
-) -> Candidate:
-    from marine.control.preview import natural_time_s, step_response
-    from marine.control.stability import limited, margins
-    from marine.control.structures import STRUCTURES, design
-
     try:
         loop = design(STRUCTURES[structure], identified, a)
     except ValueError as error:
-        return Candidate(name, a, refused=str(error))
+        return [Candidate("proposed", a, refused=str(error)), *shown]
+    return [_judged("proposed", loop, a, vessel, dof, size), *shown]
+
+
+def _present(vessel: Vessel, dof: str) -> LoopDesign | None:
+    """Return the loop that runs by the vessel file alone; None where there is none for a place."""
+    from marine.control.heading import HeadingParameters, bessel_design
+    from marine.control.model_function import bessel
+    from marine.control.structures import STRUCTURES, design
+    from services.tuning import serving
+
+    model, w0 = vessel.model, vessel.hold_w0_rad_s
+    if dof == "heave" and model.heave is not None:
+        return bessel_design(model.heave, w0)
+    if serving(vessel) == "positioning":
+        return design(STRUCTURES["I-PD"], getattr(model, dof), bessel(3, w0))
+    if dof == "yaw":
+        return HeadingParameters().design(vessel)
+    return design(STRUCTURES["I-PD"], model.surge, bessel(3, w0)) if vessel.sensor("laser") else None
+
+
+def _coefficients(loop: LoopDesign) -> tuple[float, ...]:
+    """Return the model function of an I-PD loop."""
+    g = loop.gains
+    return g.proportional / g.integral, g.derivative / g.integral, loop.model.alpha / g.integral
+
+
+def _judged(  # noqa: PLR0917
+    name: str, loop: LoopDesign, a: tuple[float, ...], vessel: Vessel, dof: str, step: float
+) -> Candidate:
+    """Return a design with its prediction, or why it is not allowed."""
+    from marine.allocation import axis_limits
+    from marine.control.preview import natural_time_s, step_response
+    from marine.control.stability import limited, margins
+    from services.tuning import too_late
+
     try:
         loop = limited(loop)
     except ValueError as error:
         return Candidate(name, a, loop, margins(loop), refused=str(error))
+    if reason := too_late(loop, vessel, dof):
+        return Candidate(name, a, loop, margins(loop), refused=reason)
     duration_s = DURATION * natural_time_s(loop)
-    response = step_response(loop, identified, step, limit, duration_s, duration_s / STEPS)
+    dt_s, limit = duration_s / STEPS, axis_limits(vessel)[DOFS[dof][2]]
+    for _ in range(LONGER):
+        response = step_response(loop, loop.model, step, limit, duration_s, dt_s)
+        if math.isfinite(response.settling_s):
+            break
+        duration_s *= 2.0  # limited by the actuators it takes longer than w0 says
     return Candidate(name, a, loop, margins(loop), response)
 
 
-def _figures(c: Candidate, limit: float) -> dict[str, Any]:
+def _figures(c: Candidate, vessel: Vessel, dof: str) -> dict[str, Any]:
     """Return what is said of a design: gains, bounds and prediction, None for what there is not (infinity included)."""
-    from services.tuning import loop_figures, step_figures
+    from marine.allocation import axis_limits
+    from marine.control.preview import natural_time_s
+    from services.tuning import loop_delay_s, loop_figures, step_figures
 
     out: dict[str, Any] = {"name": c.name, "model_function": c.model_function}
     out["allowed"], out["reason"] = not c.refused, c.refused
     if c.loop is not None:
+        out |= {"w0_rad_s": 1.0 / natural_time_s(c.loop), "loop_delay_s": loop_delay_s(vessel, dof)}
         out |= loop_figures(c.loop)
     if c.response is not None:
-        out["predicted"] = step_figures(c.response, limit)
+        out["predicted"] = step_figures(c.response, axis_limits(vessel)[DOFS[dof][2]])
     return out
 
 
 def _document(vessel: Vessel, dof: str, step: float, candidates: list[Candidate]) -> dict[str, Any]:
-    from marine.allocation import axis_limits
-
-    limit = axis_limits(vessel)[DOFS[dof][2]]
     return {
         "vessel": vessel.name,
         "dof": dof,
         "step": step,
         "step_unit": DOFS[dof][0],
-        "designs": [_figures(c, limit) for c in candidates],
+        "designs": [_figures(c, vessel, dof) for c in candidates],
     }
 
 
 Row = tuple[str, tuple[str, ...], str]
 """Label, path in the figures, unit."""
 _ROWS: tuple[Row, ...] = (
+    ("w0", ("w0_rad_s",), "rad/s"),
     ("K_I", ("gains", "k_i"), "{tau}/({eta} s)"),
     ("K_P", ("gains", "k_p"), "{tau}/{eta}"),
     ("K_D (constant drag taken off)", ("gains", "k_d"), "{tau} s/{eta}"),
@@ -168,6 +203,7 @@ _ROWS: tuple[Row, ...] = (
     ("drag compensated up to (8.27)", ("speed_limit",), "{eta}/s"),
     ("phase margin", ("margins", "phase_deg"), "deg"),
     ("delay margin", ("margins", "delay_s"), "s"),
+    ("must be above: sensor, command", ("loop_delay_s",), "s"),
     ("gain may fall to", ("margins", "gain_down"), "times"),
     ("gain may rise to", ("margins", "gain_up"), "times"),
     ("overshoot", ("predicted", "overshoot_percent"), "%"),
@@ -185,11 +221,14 @@ def _print(vessel: Vessel, dof: str, step: float, candidates: list[Candidate]) -
     units = {"eta": "rad" if dof == "yaw" else "m", "tau": DOFS[dof][1]}
     print(f"{vessel.name} {dof}, step of {step:g} {DOFS[dof][0]}")
     print(f"{'':32}" + "".join(f"{c['name'] + ' ' + c.get('structure', ''):>18}" for c in document["designs"]))
-    functions = (", ".join(f"{a:.4g}" for a in c["model_function"]) for c in document["designs"])
-    print(f"{'model function a1, a2, ...':<32}" + "".join(f"{f:>18}" for f in functions))
+    for k in range(max(len(c["model_function"]) for c in document["designs"])):
+        values = (f"{a[k]:.4g}" if k < len(a) else "-" for a in (c["model_function"] for c in document["designs"]))
+        print(f"{f'a{k + 1} of the model function':<32}" + "".join(f"{value:>18}" for value in values) + f"  s^{k + 1}")
     print("\n".join(rows_of(_ROWS, document["designs"], units)))
     for c in document["designs"]:
         print(f"{c['name']}: {'allowed' if c['allowed'] else 'NOT ALLOWED: ' + c['reason']}")
+    if document["designs"][-1]["name"] != "present":
+        print(f"present: none; {vessel.name} keeps no place in {dof}, but a speed (I-P, Table 8.1): docs/guidance.md")
 
 
 def rows_of(rows: Sequence[Row], columns: Sequence[dict[str, Any] | None], units: dict[str, str]) -> list[str]:

@@ -81,6 +81,45 @@ def test_prediction_beside_the_present_gains(tune: Any) -> None:
     assert proposed["gains"]["k_p"] == pytest.approx(2.0 * 1.5**2 * 26.4064)
 
 
+@pytest.mark.parametrize(("vessel", "dof", "w0"), [("pladypos", "yaw", "20"), ("videoray", "heave", "5")])
+def test_what_the_controller_would_refuse_for_its_delay_is_not_allowed(
+    tune: Any, vessel: str, dof: str, w0: str
+) -> None:
+    code, out, _ = tune(vessel, dof, "--w0", w0, "--json")
+    proposed, present = json.loads(out)["designs"]
+    assert code == 1
+    assert "sensor and command take" in proposed["reason"]
+    assert proposed["margins"]["delay_s"] < proposed["loop_delay_s"] < present["margins"]["delay_s"]
+
+
+@pytest.mark.parametrize(
+    ("name", "dof", "w0"),
+    [
+        ("charlie", "yaw", 0.3),  # heading_w0_rad_s of its [hold]
+        ("telemetron", "yaw", 0.1953),  # (8.22) asks for a faster one than [hold] says
+        ("videoray", "heave", 0.4),
+        ("videoray", "surge", 0.4),  # mode distance
+        ("falcon", "sway", 0.4),
+        ("charlie", "surge", None),
+        ("automarine", "surge", None),
+    ],
+)
+def test_present_is_what_runs_by_the_vessel_file(tune: Any, name: str, dof: str, w0: float | None) -> None:
+    """And it is allowed; what keeps a speed in an axis, and no place, has no present loop of this kind."""
+    code, out, _ = tune(name, dof, "--json")
+    last = json.loads(out)["designs"][-1]
+    assert (code, last["allowed"]) == (0, True)
+    assert last["name"] == ("present" if w0 else "proposed")
+    assert w0 is None or last["w0_rad_s"] == pytest.approx(w0, abs=1e-4)
+    assert w0 is not None or f"present: none; {name} keeps no place in {dof}" in tune(name, dof)[1]
+
+
+def test_a_step_that_the_actuators_limit_is_predicted_to_its_end(tune: Any) -> None:
+    predicted = json.loads(tune("pladypos", "surge", "--w0", "6", "--json")[1])["designs"][0]["predicted"]
+    assert predicted["saturated_s"] > 20.0 / 6.0
+    assert predicted["settling_s"] > predicted["saturated_s"] / 2.0
+
+
 def test_given_coefficients_are_charlies(tune: Any) -> None:
     _, out, _ = tune("pladypos", "yaw", "--model", "5.48,12.01,10.97", "--json")
     assert json.loads(out)["designs"][0]["model_function"] == [5.48, 12.01, 10.97]
