@@ -99,6 +99,6 @@ class Bridge(Service):
     def _pass_on(self, sink: ZenohBus, way: str) -> Callable[[Any], None]:
         def take(sample: Any) -> None:
             self.passed[way] += 1
-            sink.session.put(sample.key_expr, sample.payload, priority=sample.priority)
+            sink.session.put(sample.key_expr, sample.payload, priority=sample.priority, attachment=sample.attachment)
 
         return take

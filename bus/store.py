@@ -66,7 +66,7 @@ class Store:
 
     def __init__(self, latched: Callable[[str], bool]) -> None:
         self.refused = 0
-        """Messages not kept: too many keys, too many bytes, a wildcard as key."""
+        """Messages not kept: too many keys, too many bytes, a wildcard as key, or none ("") that could be trusted."""
         self.total = Counter()
         self.entries: dict[str, Entry] = {}
         self.sources: dict[str, Counter] = {}
@@ -168,7 +168,7 @@ class Store:
 
     def _entry(self, key: str) -> Entry | None:
         entry = self.entries.get(key)
-        if entry is None and len(self.entries) < MAX_KEYS and not is_pattern(key):
+        if entry is None and key and len(self.entries) < MAX_KEYS and not is_pattern(key):
             entry = self.entries[key] = Entry(self._latched(key), Counter())
         return entry
 

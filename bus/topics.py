@@ -164,20 +164,3 @@ def _fits(template: Topic[Any], key: str) -> bool:
 
 _EXACT = {t.key: t for t in all_topics() if "{" not in t.key}
 _TEMPLATES = [t for t in all_topics() if "{" in t.key]
-
-
-def _would_take(topic: Topic[Any], other: Topic[Any]) -> bool:
-    """Whether a message of the other topic is also a good one of this."""
-    mine, theirs = topic.message.model_fields, other.message.model_fields
-    return theirs.keys() <= mine.keys() and all(n in theirs for n, field in mine.items() if field.is_required())
-
-
-_AMBIGUOUS = {t.key for t in all_topics() for other in all_topics() if t is not other and _would_take(t, other)}
-
-
-def sole_source(topic: Topic[Any]) -> str:
-    """Return whose messages alone count on a topic that would take another's too; "" where the fields tell them apart.
-
-    While a client returns to a hub that hung, Zenoh may deliver a message under another's key (docs/adr/0001-zenoh.md).
-    """
-    return topic.publisher if topic.key in _AMBIGUOUS else ""

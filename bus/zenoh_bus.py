@@ -82,6 +82,15 @@ def _direct(take: Callable[[zenoh.Sample], None]) -> zenoh.handlers.Callback[zen
     return zenoh.handlers.Callback(call, indirect=False)
 
 
+def key_sent_on(sample: zenoh.Sample) -> str:
+    """Return the key of a message, or "" for one that was sent on another key than it came under.
+
+    That happens for a moment when clients return to a hub that hung (docs/adr/0001-zenoh.md). So we attach the key.
+    """
+    key, sent = str(sample.key_expr), sample.attachment
+    return key if sent is None or sent.to_string() == key else ""
+
+
 class HubUnreachableError(ConnectionError):
     """Nobody answers at the hub's address."""
 
@@ -147,7 +156,9 @@ class ZenohBus:
         self.session = session
         self.vessel = vessel
         self.clock = clock
-        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._publishers: dict[str, tuple[zenoh.Publisher, zenoh.ZBytes]] = {}
+        self.astray = 0
+        """Messages for tools and the recorder that came under another's key, and were dropped."""
         self._retained: list[Input[Any]] = []
         self._kept: list[Any] = []  # declarations live as long as these references
 
@@ -233,11 +244,13 @@ class ZenohBus:
 
     def publish(self, topic: Topic[Any], message: Message) -> None:
         """Send a message whose header is filled in."""
-        self._publisher(topic).put(message.encode())
+        publisher, key = self._publisher(topic)
+        publisher.put(message.encode(), attachment=key)
 
     def put(self, key: str, payload: bytes) -> None:
         """Send any bytes: for tools and tests."""
-        self.session.put(self._key(key), payload, congestion_control=zenoh.CongestionControl.BLOCK)
+        key = self._key(key)
+        self.session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK, attachment=key)
 
     def subscribe(self, pattern: str, callback: Callable[[RawSample], None]) -> None:
         """Call back, from another thread, with everything that fits a pattern: for tools."""
@@ -251,7 +264,7 @@ class ZenohBus:
                 continue
             about = json.loads(reply.ok.attachment.to_bytes()) if reply.ok.attachment else {}
             payload = reply.ok.payload.to_bytes() if about.get("kept", True) else None
-            key = self._strip(str(reply.ok.key_expr))
+            key = about.get("key") or self._strip(str(reply.ok.key_expr))
             received_ns = about.get("received_ns", 0)
             if key not in found or found[key].received_ns < received_ns:  # two hubs may answer
                 count, rate_hz, source = about.get("count", 0), about.get("rate_hz", 0.0), about.get("source", "")
@@ -277,29 +290,30 @@ class ZenohBus:
         if event.kind == zenoh.SampleKind.PUT:
             self.pull_retained()
 
-    def _publisher(self, topic: Topic[Any]) -> zenoh.Publisher:
-        publisher = self._publishers.get(topic.key)
-        if publisher is None:
-            blocks = topic.qos is Qos.REQUEST
-            publisher = self._publishers[topic.key] = self.session.declare_publisher(
-                self._key(topic.key),
+    def _publisher(self, topic: Topic[Any]) -> tuple[zenoh.Publisher, zenoh.ZBytes]:
+        known = self._publishers.get(topic.key)
+        if known is None:
+            key, blocks = self._key(topic.key), topic.qos is Qos.REQUEST
+            publisher = self.session.declare_publisher(
+                key,
                 congestion_control=zenoh.CongestionControl.BLOCK if blocks else zenoh.CongestionControl.DROP,
                 priority=_PRIORITY[topic.qos],
                 express=topic.qos in (Qos.COMMAND, Qos.STATE),
             )
-        return publisher
+            known = self._publishers[topic.key] = publisher, zenoh.ZBytes(key)
+        return known
 
     def _handler(self, port: Input[Any], wake: Callable[[], None] | None) -> zenoh.handlers.Callback[zenoh.Sample]:
         exact = self._key(port.topic.key)
 
         def take(sample: zenoh.Sample) -> None:
-            key = str(sample.key_expr)
+            key = key_sent_on(sample)
             if key == exact:
                 port.offer(sample.payload.to_bytes())
-            elif port.is_pattern and not is_pattern(key):
+            elif port.is_pattern and key and not is_pattern(key):
                 port.offer(sample.payload.to_bytes(), self._strip(key))
             else:
-                port.refuse(f"it was put on {key[:100]}")
+                port.refuse(f"it was put on {key[:100] or 'another key'}")
             if wake is not None:
                 wake()
 
@@ -307,9 +321,10 @@ class ZenohBus:
 
     def _retained_handler(self, port: Input[Any]) -> Callable[[zenoh.Reply], None]:
         def take(reply: zenoh.Reply) -> None:
-            if reply.ok is not None and reply.ok.payload:
-                key = self._strip(str(reply.ok.key_expr)) if port.is_pattern else ""
-                port.offer_retained(reply.ok.payload.to_bytes(), key)
+            if reply.ok is not None and reply.ok.payload and reply.ok.attachment:
+                key = json.loads(reply.ok.attachment.to_bytes())["key"]
+                if port.is_pattern or key == port.topic.key:
+                    port.offer_retained(reply.ok.payload.to_bytes(), key if port.is_pattern else "")
 
         return take
 
@@ -317,8 +332,11 @@ class ZenohBus:
         self, offer: Callable[[RawSample], None], wake: Callable[[], None] | None = None
     ) -> zenoh.handlers.Callback[zenoh.Sample]:
         def take(sample: zenoh.Sample) -> None:
-            key = self._strip(str(sample.key_expr))
-            offer(RawSample(key, sample.payload.to_bytes(), self.clock.now_ns()))
+            key = key_sent_on(sample)
+            if not key:
+                self.astray += 1
+                return
+            offer(RawSample(self._strip(key), sample.payload.to_bytes(), self.clock.now_ns()))
             if wake is not None:
                 wake()
 
@@ -446,9 +464,10 @@ class HubBus(ZenohBus):
         with self._hearing:
             heard = self._heard
             while heard is not None and (sample := heard.try_recv()) is not None:
-                key = self._strip(str(sample.key_expr))
-                if sample.kind == zenoh.SampleKind.PUT:
-                    self._store.keep(key, sample.payload.to_bytes(), now_ns)
+                key = self._strip(key_sent_on(sample))
+                payload = sample.payload.to_bytes()
+                if payload or sample.kind == zenoh.SampleKind.PUT:
+                    self._store.keep(key, payload, now_ns)
                 else:
                     self._store.forget(key)
 
@@ -457,7 +476,7 @@ class HubBus(ZenohBus):
         with query:
             for key, entry in self._store.items():
                 if query.key_expr.intersects(full := zenoh.KeyExpr(self._key(key))):
-                    query.reply(full, entry.payload or b"", attachment=_about(entry))
+                    query.reply(full, entry.payload or b"", attachment=_about(key, entry))
 
     def _dump(self, query: zenoh.Query) -> None:
         self.fill_store()
@@ -480,8 +499,9 @@ class HubBus(ZenohBus):
         self.pulled = True
 
 
-def _about(entry: Entry) -> bytes:
+def _about(key: str, entry: Entry) -> bytes:
     values = {
+        "key": key,
         "kept": entry.payload is not None,
         "received_ns": entry.received_ns,
         "count": entry.traffic.count,

@@ -331,6 +331,29 @@ def test_bad_payloads_and_keys_are_counted_and_harm_nobody(pair: HubPair) -> Non
         stream.wait_for_flow(0.5)
 
 
+def test_a_message_that_comes_under_anothers_key_is_taken_by_nobody(pair: HubPair) -> None:
+    """As Zenoh may deliver it while clients return to a hub that hung (docs/adr/0001-zenoh.md)."""
+    sender, tool = pair.client(), pair.client()
+    reader = Reader()
+    inbox = Inbox(pair.client(), reader)
+    heard: list[bytes] = []
+    tool.subscribe("control/wrench", lambda sample: heard.append(sample.payload))
+    before = wait_for(lambda: statistics(sender), 3.0, "statistics").refused
+    wrench = Wrench(stamp_ns=1, source="experiment", surge_n=9.0)
+
+    def all_refused() -> bool:
+        sender.session.put(
+            "pladypos/control/wrench", wrench.encode(), attachment="pladypos/experiment/wrench"
+        )  # ours attach the key that they send on
+        inbox.refresh()
+        now = statistics(sender)
+        return bool(reader.paced.malformed and tool.astray and now and now.refused > before)
+
+    wait_for(all_refused, 5.0, "an input, a tool and the store have refused it")
+    assert reader.paced.latest is None
+    assert not heard
+
+
 def test_ten_thousand_keys_are_the_limit_and_the_rest_goes_on() -> None:
     with HubPair(standby=False) as pair:
         bus = pair.client()

@@ -7,17 +7,9 @@ import pytest
 from bus import topics
 from bus.clock import NS, SimulatedClock
 from bus.memory_bus import MemoryBus
-from bus.messages import Heartbeat, HelmWrench, Message, NavigationState, OperatorRequest, Wrench
+from bus.messages import Heartbeat, HelmWrench, OperatorRequest, Wrench
 from bus.service import Input, Output, RawInput, Service
 from bus.topics import HEARTBEAT
-
-EXAMPLES: dict[type[Message], Message] = {
-    Wrench: Wrench(surge_n=9.0),
-    NavigationState: NavigationState(
-        status="tracking", x_m=1.0, y_m=1.0, psi_rad=0.0, surge_m_s=0.0, sway_m_s=0.0, yaw_rad_s=0.0,
-        measurement_age_s=0.0,
-    ),
-}  # fmt: skip
 
 
 class Talker(Service):
@@ -123,32 +115,6 @@ def test_a_message_of_the_wrong_type_is_malformed_too() -> None:
     port.offer(HelmWrench(mode="stop"))
     port.refresh()
     assert port.updated
-
-
-@pytest.mark.parametrize(
-    ("topic", "other"),
-    [
-        (topics.CONTROL_WRENCH, topics.EXPERIMENT_WRENCH),
-        (topics.EXPERIMENT_WRENCH, topics.CONTROL_WRENCH),
-        (topics.ACTUATOR_DELIVERED, topics.CONTROL_WRENCH),
-        (topics.ACTUATOR_ATTAINED, topics.CONTROL_WRENCH),
-        (topics.HELM_WRENCH, topics.CONTROL_WRENCH),
-        (topics.HELM_STATE, topics.NAVIGATION_STATE),
-    ],
-    ids=lambda topic: topic.key,
-)
-def test_a_message_that_came_under_anothers_key_does_not_count(
-    topic: topics.Topic[Message], other: topics.Topic[Message]
-) -> None:
-    """As Zenoh may deliver it while a client returns to a hub that hung."""
-    port = Input(topic)
-    port.offer(EXAMPLES[other.message].stamped(1, 0, other.publisher).encode())
-    port.refresh()
-    assert (port.latest, port.malformed) == (None, 1)
-    if topic.message in EXAMPLES:
-        port.offer(EXAMPLES[topic.message].stamped(1, 0, topic.publisher).encode())
-        port.refresh()
-        assert port.latest is not None
 
 
 def test_a_malformed_message_does_not_hide_the_good_one_before_it() -> None:
