@@ -10,7 +10,7 @@ import socket
 import subprocess
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 app = typer.Typer(help="Keys, passwords and access rules of a hub on the network.", no_args_is_help=True)
 
 DAYS = "3650"
+ZENOHD = Path("hub", "zenohd.json5")
+"""Configuration of a `zenohd` in our hub's place, where [hub] names one as router."""
 _AUTHORITY = ("basicConstraints=critical,CA:TRUE", "keyUsage=critical,keyCertSign,cRLSign")
 
 
@@ -59,8 +61,37 @@ def init(
     _passwords(folder, users)
     rules = access_rules(settings.vessel_name, settings.processes, bridges(settings))
     _write(folder / "hub" / "rules.json", json.dumps(rules, indent=1))
+    if settings.hub.router:
+        _write(folder / ZENOHD, json.dumps(_zenohd(settings.hub.router, folder.absolute()), indent=1))
+        print(f"for the machine of {settings.hub.router}:  zenohd -c {folder / ZENOHD}")
     print(f"{folder}: a certificate for {', '.join(hosts)}; {len(users)} users, each with a password and rules")
     print(f'now set in the configuration:  [hub]  security = "{folder}"  and addresses that begin with tls/')
+
+
+def _zenohd(router: str, folder: Path) -> dict[str, Any]:
+    """Return what zenohd needs to route as our hub does: address, certificate, passwords, access rules, lease."""
+    from bus.security import hub_settings
+    from bus.zenoh_bus import LEASE_MS, MAX_MESSAGE_BYTES
+    from services.star import HUBS
+
+    secured = hub_settings(folder, HUBS[1])
+    passwords = secured["transport/auth/usrpwd"]["dictionary_file"]
+    link = {
+        "tx": {"lease": LEASE_MS},
+        "rx": {"max_message_size": MAX_MESSAGE_BYTES},
+        "tls": secured["transport/link/tls"],
+    }
+    return {
+        "mode": "router",
+        "listen": {"endpoints": [f"tls/0.0.0.0:{router.rpartition(':')[2]}"]},
+        "scouting": {"multicast": {"enabled": False}},
+        "transport": {
+            "link": link,
+            "shared_memory": {"enabled": False},
+            "auth": {"usrpwd": {"dictionary_file": passwords}},
+        },
+        "access_control": secured["access_control"],
+    }
 
 
 def _hosts(settings: Settings, further: list[str]) -> list[str]:
