@@ -19,7 +19,11 @@ TRY_S = 2.0
 class BridgeConfig(Section):
     """Section of a bridge."""
 
-    hub: tuple[str, ...] = Field(("tcp/127.0.0.1:7547",), description="addresses of the other community's hubs")
+    hub: tuple[str, ...] = Field(
+        ("tcp/127.0.0.1:7547",),
+        description="addresses of the other community's hubs; none: its bridge comes to our hub, "
+        "with the user and the rights of this section",
+    )
     send: tuple[str, ...] = Field(
         ("navigation/state",), description="what of this vessel the others get: key expressions without the vessel"
     )
@@ -63,15 +67,20 @@ class Bridge(Service):
         for key in self._config.receive:
             if key.split("/")[0] == self._vessel:
                 raise ValueError(f"[bridge] receive: {key} is this vessel's own")
+        if not self._config.hub:
+            self.note = "the other community's bridge comes to our hub"
+            return
         folder = self._deployment.security
         secured = client_settings(folder, self.name) if folder else None
         self._near = ZenohBus.connect(self._vessel, self._deployment.hub_endpoints, None, secured, clock=None)
 
     def step(self, now_s: float) -> None:
         """Connect to the other hub until it is there; from then on it is found again by itself."""
+        if self._near is None:
+            return
         if self._far is None and now_s - self._tried_s >= TRY_S:
             self._tried_s = now_s
-            self._connect()
+            self._connect(self._near)
         if self._far is not None:
             self.note = f"{self.passed['sent']} sent, {self.passed['received']} received"
 
@@ -81,9 +90,8 @@ class Bridge(Service):
             if bus is not None:
                 bus.close()
 
-    def _connect(self) -> None:
-        config, near = self._config, self._near
-        assert near is not None
+    def _connect(self, near: ZenohBus) -> None:
+        config = self._config
         try:
             secured = client_settings(config.security, config.user) if config.security else None
             far = ZenohBus.connect(self._vessel, config.hub, 0.0, secured, clock=None)

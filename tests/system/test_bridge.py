@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.running_star import ROOT, wait_for
+from benchmarks.running_star import ROOT, secure, wait_for
 from bus.bridge import BridgeConfig
 from bus.keys import matches
 from services.access import access_rules
@@ -19,20 +19,22 @@ from services.catalog import PROCESSES
 pytestmark = [pytest.mark.system, pytest.mark.timeout(60)]
 
 POOL, LAKE = "10.213.7.1", "10.213.7.2"
-HOME = "tcp/127.0.0.1:7447"
-TALK = """
+HOME, GUARDED = "tcp/127.0.0.1:7447", "tls/127.0.0.1:7447"
+CONNECT = """
 import sys, time
+from pathlib import Path
+from bus.security import client_settings
 from bus.zenoh_bus import ZenohBus
-bus = ZenohBus.connect(sys.argv[1], (sys.argv[2],), 20.0)
+vessel, hub, *keys = sys.argv[1:]
+bus = ZenohBus.connect(vessel, (hub,), 20.0, client_settings(Path(keys[0]), keys[1]) if keys else None)
+"""
+TALK = f"""{CONNECT}
 while True:
     bus.put("navigation/state", b"here")
     bus.put("actuator/command", b"secret")
     time.sleep(0.02)
 """
-LISTEN = """
-import sys, time
-from bus.zenoh_bus import ZenohBus
-bus = ZenohBus.connect(sys.argv[1], (sys.argv[2],), 20.0)
+LISTEN = f"""{CONNECT}
 bus.subscribe("**", lambda sample: print(sample.key, sample.payload.decode(), flush=True))
 print("listening", flush=True)
 time.sleep(60)
@@ -93,22 +95,31 @@ class Machine:
             process.wait(5.0)
 
 
-def test_chosen_variables_cross_and_nothing_else(machines: tuple[str, str], tmp_path: Path) -> None:
-    pool_config, lake_config = tmp_path / "pool.toml", tmp_path / "lake.toml"
-    pool_config.write_text(f'[hub]\nlisten = ["{HOME}", "tcp/{POOL}:7447"]\nstandby = ""\nopen = true\n')
+def test_chosen_variables_cross_over_tls_and_nothing_else(machines: tuple[str, str], tmp_path: Path) -> None:
+    pool_config, lake_config, keys = (tmp_path / name for name in ("pool.toml", "lake.toml", "keys"))
+    pool_config.write_text(
+        '[system]\nservices = { bridge = "bus.bridge:Bridge" }\n'
+        f'[hub]\nlisten = ["{GUARDED}", "tls/{POOL}:7447"]\nstandby = ""\nsecurity = "{keys}"\n'
+        '[bridge]\nhub = []\nsend = ["navigation/state"]\nreceive = ["charlie/navigation/*"]\n'
+    )
+    secure(pool_config)
+    for name in ("ca.pem", "users/bridge"):  # all that the others get
+        (tmp_path / "of-the-pool" / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(keys / name, tmp_path / "of-the-pool" / name)
     lake_config.write_text(
         f'[system]\nvessel = "charlie"\nservices = {{ bridge = "bus.bridge:Bridge" }}\n'
         f'[hub]\nlisten = ["{HOME}"]\nstandby = ""\n'
-        f'[bridge]\nhub = ["tcp/{POOL}:7447"]\nsend = ["navigation/*"]\nreceive = ["pladypos/navigation/state"]\n'
+        f'[bridge]\nhub = ["tls/{POOL}:7447"]\nsecurity = "{tmp_path}/of-the-pool"\n'
+        f'send = ["navigation/*", "actuator/command"]\nreceive = ["pladypos/navigation/state"]\n'
     )
     pool, lake = (Machine(name, tmp_path) for name in machines)
     try:
         lake.service("hub", lake_config)
         bridge = lake.service("bridge", lake_config)
         heard_at_lake = lake.run("listen", "-c", LISTEN, "pladypos", HOME)
-        heard_at_pool = pool.run("listen", "-c", LISTEN, "charlie", HOME)
+        heard_at_pool = pool.run("listen", "-c", LISTEN, "charlie", GUARDED, str(keys), "operator")
         lake.run("talk", "-c", TALK, "charlie", HOME)
-        pool.run("talk", "-c", TALK, "pladypos", HOME)
+        pool.run("talk", "-c", TALK, "pladypos", GUARDED, str(keys), "estimator")
         pool.service("hub", pool_config)  # the far hub comes last: the bridge goes on trying
         for heard in (heard_at_lake, heard_at_pool):
 

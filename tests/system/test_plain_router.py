@@ -36,7 +36,7 @@ ROUTERS = [
         [
             sys.executable,
             "-c",
-            "import sys, threading, zenoh; s = zenoh.open(zenoh.Config.from_file(sys.argv[1])); threading.Event().wait()",
+            IN_PYTHON,
         ],
         id="the-same-file-in-the-wheels-router",
     ),
