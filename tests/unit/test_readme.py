@@ -6,11 +6,13 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 
 from bus import topics
 from bus.memory_bus import MemoryBus
 from bus.messages import NavigationState
 from services.catalog import ROOT, build, load_settings
+from services.cli.main import _register, app
 
 README = (ROOT / "README.md").read_text()
 
@@ -40,7 +42,33 @@ def test_the_service_of_twelve_lines_runs(
     assert "only 0.80 m to the wall" in caplog.text
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))], ids=lambda p: p.name)
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+def test_every_command_and_option_that_is_shown_exists() -> None:
+    _register(None)
+    starboard = typer.main.get_command(app)
+    shown = 0
+    for page in PAGES:
+        text = re.sub(r"\\\n\s*", " ", page.read_text())
+        for line in re.findall(r"(?:^\$ |`)(?:[A-Z_]+=\S+ )?starboard ([^\n`#]*)", text, re.MULTILINE):
+            shown += 1
+            words = [word.strip("[](),;").split("=")[0] for word in line.split()]
+            command = starboard
+            known = {"--help", "--install-completion", "--show-completion"}
+            for word in words:
+                inner = getattr(command, "commands", {})
+                if word in inner:
+                    command = inner[word]
+                    known.update(option for p in command.params for option in (*p.opts, *p.secondary_opts))
+                elif word.startswith("--"):
+                    assert word in known, f"{page.name}: starboard {line}: no option {word}"
+                else:
+                    assert not inner or word.isupper(), f"{page.name}: starboard {line}: no command {word}"
+    assert shown > 150
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text()):
         if not target.startswith(("http:", "https:")):
