@@ -422,6 +422,9 @@ class ExperimentPlan(BaseModel):
     sensor: Literal["laser"] | None = Field(
         None, description="laser: surge by the distance from the wall, which the vessel faces; none: as configured"
     )
+    speed_m_s: float | None = Field(
+        None, gt=0, description="yaw: surge speed kept meanwhile; none: half of what it can where a rudder turns it"
+    )
 
     @property
     def hysteresis(self) -> float | None:
@@ -641,7 +644,7 @@ class Shaping(BaseModel):
 
 
 class ControlGains(Message):
-    """What serves the positioning modes: law, parameters, models, since when."""
+    """What serves the positioning modes, or steers a vessel that has none: law, parameters, models, since when."""
 
     tuning: Tuning
     engaged: bool = Field(description="false: the configuration file's")

@@ -32,11 +32,12 @@ from bus.messages import (
 )
 from bus.service import Input, Output, Service
 from marine.allocation import axis_limits
+from marine.guidance.abilities import yaw_limit_at
 from marine.identification.experiments import Experiment, ExperimentError, Motion, Relay, design
 from marine.identification.record import compare, response
 from marine.identification.result import IdentificationError, Identified
 from marine.vessel import DegreeOfFreedom, Vessel
-from services.experiment_run import Run, Watch, as_parameters, room, room_before, running_estimate, sensor_of
+from services.experiment_run import Run, Watch, as_parameters, period_of, room, room_before, running_estimate, sensor_of
 from services.identified_vessel import IdentifiedVesselError, write_models, write_vessel
 
 STATUS_PERIOD_S = 0.2
@@ -155,12 +156,15 @@ class Experiments(Service):
         dof = _dof(self._vessel, plan.axis)
         if plan.axis == "heave" and state.z_m is None:
             raise ExperimentError("no depth is measured")
+        limit = self._limits[ROWS[plan.axis]]
+        if plan.speed_m_s is not None:
+            limit = yaw_limit_at(self._vessel, plan.speed_m_s)
         return design(
             plan.name,
             plan.amplitude,
             plan.direction,
             dof,
-            self._limits[ROWS[plan.axis]],
+            limit,
             angular=plan.axis == "yaw",
             hysteresis=plan.hysteresis,
             count=plan.oscillations,
@@ -186,9 +190,12 @@ class Experiments(Service):
         if self.navigation.updated:
             self._push(run, state, now_s, helm.guard if helm else "")
 
+    def _sensor(self, axis: ExperimentAxis, sensor: Literal["laser"] | None = None) -> str:
+        return sensor_of(self._vessel, axis, self._config.instruments, sensor)
+
     def _measured(self, axis: ExperimentAxis, sensor: Literal["laser"] | None = None) -> Input[Any]:
         """Return the port of the sensor that an axis is recorded from."""
-        port: Input[Any] = getattr(self, sensor_of(self._vessel, axis, self._config.instruments, sensor))
+        port: Input[Any] = getattr(self, self._sensor(axis, sensor))
         return port
 
     @property
@@ -247,7 +254,8 @@ class Experiments(Service):
         now_s = self._told_s
         self._run = None
         try:
-            record = run.record(self._config.sample_s, self._delay_s)
+            period_s = period_of(self._vessel, self._sensor(run.plan.axis, run.plan.sensor))
+            record = run.record(self._config.sample_s, self._delay_s, period_s)
         except IdentificationError as error:
             self._end(run, "failed", str(error), now_s)
             return

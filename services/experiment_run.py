@@ -35,8 +35,8 @@ from marine.vessel import DegreeOfFreedom, Pool, Vessel
 _WINDOWS_S = (0.6, 3.0)
 """Shortest and longest window of the running estimate."""
 _LEAST_QUALITY = 0.3
-_LASER_GAP_S = 2.1
-"""Three pairs of dots in a row may be lost: they come at 2 Hz, and every tenth is."""
+_LOST_SAMPLES = 3
+"""So many in a row may be missing: of the laser's every tenth is."""
 
 Measurement = CameraPose | SensorCompass | SensorPosition | SensorDepth | SensorLaser
 
@@ -163,8 +163,8 @@ class Run:
         self.measured += measured
         self.forces += forces
 
-    def record(self, sample_s: float | None, delay_s: float) -> Record:
-        """Return the record of the measurement; raise IdentificationError when there is none."""
+    def record(self, sample_s: float | None, delay_s: float, period_s: float) -> Record:
+        """Return the record of a sensor with a sample every period_s; raise IdentificationError when there is none."""
         if not self.measured or not self.forces:
             raise IdentificationError("nothing was measured in this time")
         t, eta = np.array(self.measured).T
@@ -179,7 +179,7 @@ class Run:
             end_s=self.machine.ended_s or t[-1],
             sample_s=sample_s,
             delay_s=delay_s,
-            longest_gap_s=_LASER_GAP_S if self.plan.sensor == "laser" else LONGEST_GAP_S,
+            longest_gap_s=max(LONGEST_GAP_S, (_LOST_SAMPLES + 1.2) * period_s),
         )
 
 
@@ -189,6 +189,12 @@ def as_parameters(found: Identified) -> tuple[IdentifiedParameter, ...]:
         IdentifiedParameter(name=p.name, value=p.value, unit=p.unit, std=p.std if math.isfinite(p.std) else None)
         for p in found.parameters
     )
+
+
+def period_of(vessel: Vessel, port: str) -> float:
+    """Return the sample time in s of the sensor behind a port, 0.0 where the file names none."""
+    sensor = next((s for s in vessel.sensors if s.kind == ("camera" if port == "pose" else port)), None)
+    return sensor.sample_time_s if sensor else 0.0
 
 
 def sensor_of(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pydantic import Field
 
@@ -66,7 +66,9 @@ class Lease:
 
 
 def _law(mode: Mode, plan: ExperimentPlan | None) -> str:
-    """Return what the controller runs: with the laser it faces the wall in an experiment, too."""
+    """Return what the controller runs: in an experiment with the laser it faces the wall, in one under way it runs."""
+    if plan and plan.speed_m_s is not None:
+        return MODES["speed"].law
     return WALL_LAW if plan and plan.sensor == "laser" else MODES[mode].law
 
 
@@ -203,6 +205,8 @@ class Helm(Service):
             if pose is None:
                 raise Refused(f"no {mode} without a pose: {problem}")
             reference = self._checks.reference(request, mode, pose, self.wall.fresh(now_s))
+            if plan and plan.speed_m_s is not None:
+                reference = replace(reference, speed_m_s=plan.speed_m_s)
         self._plan = plan
         self._request = request.request_id
         entering = mode != self._mode
@@ -223,7 +227,7 @@ class Helm(Service):
             self._checks.rule("distance")
             if plan.axis != "surge":
                 raise Refused(f"a laser module measures surge, not {plan.axis}")
-        return plan
+        return self._checks.under_way(plan)
 
     def _hold_here(self, reason: str) -> None:
         """Give all axes to the controller: hold the place where the vessel is; a vessel that cannot do that stops."""

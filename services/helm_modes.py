@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Literal
 
-from bus.messages import HelmState, Mode, NavigationState, OperatorRequest, WallState, WayPoint
+from bus.messages import ExperimentPlan, HelmState, Mode, NavigationState, OperatorRequest, WallState, WayPoint
 from marine.frames import wrap_angle
 from marine.guidance.abilities import Abilities
-from marine.vessel import Axis, Vessel
+from marine.vessel import Axis, Rudder, Vessel
 
 Source = Literal["manual", "controller", "experiment"]
 MANUAL: Source = "manual"
@@ -140,6 +140,23 @@ class Checks:
         if mode == "distance" and self.vessel.sensor("laser") is None:
             raise Refused(f"no mode distance: {self.vessel.name} has no laser module")
         return MODES[mode]
+
+    def under_way(self, plan: ExperimentPlan) -> ExperimentPlan:
+        """Return a plan with its speed: a rudder turns a vessel only while it runs. Raise Refused."""
+        speed_m_s, rudders = plan.speed_m_s, any(isinstance(a, Rudder) for a in self.vessel.actuators)
+        if plan.axis != "yaw":
+            if speed_m_s is not None:
+                raise Refused(f"a speed is kept while the vessel turns, not while {plan.axis} is pushed")
+            return plan
+        if speed_m_s is None and rudders:
+            speed_m_s = 0.5 * self.abilities.ahead_m_s
+        if speed_m_s is not None:
+            self.rule("speed")
+            try:
+                self.abilities.check_speed(speed_m_s)
+            except ValueError as error:
+                raise Refused(str(error)) from None
+        return plan.model_copy(update={"speed_m_s": speed_m_s})
 
     def reference(
         self, request: OperatorRequest, mode: Mode, pose: NavigationState, wall: WallState | None = None

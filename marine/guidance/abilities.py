@@ -18,12 +18,24 @@ CORNER_M = 0.02
 TURN_SHARE = 0.7
 """Part of the yaw moment that a turn may take."""
 
+_YAW = 5
+_LAST = 1e-3
+"""Priority of an axis that gets what others leave."""
+
 AXIS_NAMES: dict[Axis, str] = {"X": "surge", "Y": "sway", "Z": "heave", "K": "roll", "M": "pitch", "N": "yaw"}
 
 
 def course_of(points: Sequence[Point], smooth: bool) -> Course:
     """Return the course through way-points; raise ValueError when there is none."""
     return spline(points) if smooth else straight(points, CORNER_M)
+
+
+def yaw_limit_at(vessel: Vessel, u_m_s: float) -> float:
+    """Return the largest yaw moment in Nm that leaves a vessel the thrust for a speed in m/s."""
+    X, N = vessel.model.surge.drag(u_m_s), axis_limits(vessel)[_YAW]
+    allocation = vessel_allocation(vessel, priority={_YAW: _LAST})
+    sides = (allocation.solve((X, 0.0, 0.0, 0.0, 0.0, side * N), u_m_s).attained[_YAW] for side in (1.0, -1.0))
+    return min(abs(N) for N in sides)
 
 
 class Abilities:
