@@ -413,6 +413,11 @@ class Vessel:
     sources: tuple[str, ...] = ()
 
     @property
+    def steering_w0_rad_s(self) -> float:
+        """Characteristic frequency of the heading where it is steered by."""
+        return self.heading_w0_rad_s or self.hold_w0_rad_s
+
+    @property
     def actuation_delay_s(self) -> float:
         """Known delay from a command to its force: on the way, and by the slowest thruster's lag where it reverses.
 

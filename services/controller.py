@@ -18,7 +18,7 @@ from marine.control.tracking import missing_of
 from marine.guidance.reference_filter import MotionLimits, ReferenceFilter
 from marine.vessel import Vessel
 from services.guidance import DepthKeeping, DistanceGuidance, Guidance, GuidanceConfig, Seen, Tools, guidance_for
-from services.tuning import horizontal_limits, motion_for, parameters_of
+from services.tuning import horizontal_limits, motion_for, parameters_of, serving
 from services.tuning_desk import TuningDesk, answered
 
 STATUS_PERIOD_S = 0.2
@@ -139,7 +139,7 @@ class Controller(Service):
         self._followed = ("", 0.0)
         self._ours = (True, True, True)
         self._demand = ZERO
-        self._state_ns = 0
+        self._state_ns = self._jumps = 0
         self._told_s = 0.0
 
     def step(self, now_s: float) -> None:
@@ -155,16 +155,18 @@ class Controller(Service):
         self._tell(now_s)
 
     def _tuning_desk(self, config: ControllerConfig) -> TuningDesk | None:
-        """Return what tunes the positioning law, of a vessel without one its heading loop."""
+        """Return what tunes the positioning law, or the heading loop of a vessel that steers only."""
         tools, shaping = self.tools, config.reference_filter
-        law, parameters, shape = tools.positioning, config.steering, shaping.shaping if shaping.enabled else None
-        if law is not None:
-            return TuningDesk(tools.vessel, tools.limits, law, config.laws.get(law.name, law.Parameters()), shape)
         try:
-            heading = Heading(parameters, tools.vessel, tools.limits)
+            if serving(tools.vessel) == Heading.serves and tools.limits[2] > 0.0:
+                heading = Heading(config.steering, tools.vessel, tools.limits)
+                return TuningDesk(tools.vessel, tools.limits, heading, config.steering, None)
         except ValueError:
             return None  # guidance_for says why
-        return TuningDesk(tools.vessel, tools.limits, heading, parameters, None) if tools.limits[2] else None
+        if (law := tools.positioning) is None:
+            return None
+        parameters, shape = config.laws.get(law.name, law.Parameters()), shaping.shaping if shaping.enabled else None
+        return TuningDesk(tools.vessel, tools.limits, law, parameters, shape)
 
     def _retune(self, helm: HelmState | None, now_s: float) -> None:
         """Answer requests for another law or other gains; go on with them without a jump."""
@@ -186,6 +188,7 @@ class Controller(Service):
         tools, shaping = self.tools, self._config.reference_filter
         if isinstance(law, Heading):
             tools.steering = law.parameters
+            tools.positioning = tools.positioning and self._config.build(self._config.positioning, vessel, tools.limits)
         else:
             tools.positioning = law
         tools.vessel, tools.motion = vessel, shaping.motion(vessel, tools.limits)
@@ -198,7 +201,7 @@ class Controller(Service):
             self._running = None
             return
         attained, ours = self.attained.fresh(now_s), _ours(helm)
-        entering = helm.suspended or guidance is not self._running or ours != self._ours
+        entering = helm.suspended or guidance is not self._running or ours != self._ours or state.jumps != self._jumps
         gap_s = (state.stamp_ns - self._state_ns) / NS
         given, mine = _given(attained), (False, False, False) if helm.guard else ours
         seen = Seen(
@@ -216,6 +219,7 @@ class Controller(Service):
             guidance.engage(helm, seen)
         self._demand = X, Y, N = guidance.step(helm, seen)
         self._running, self._ours, self._state_ns, self._order = guidance, ours, state.stamp_ns, helm.request_id
+        self._jumps = state.jumps
         Z = self._depth.step(seen.dt_s, helm.z_m, state, attained) if self._depth else None
         self.wrench.publish(Wrench(origin_ns=state.origin_ns, surge_n=X, sway_n=Y, heave_n=Z, yaw_nm=N))
 

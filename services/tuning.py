@@ -12,10 +12,12 @@ from pydantic import TypeAdapter, ValidationError
 from bus.messages import AxisModel, LoopGains, Shaping, TunedAxis, Tuning
 from marine.allocation import axis_limits
 from marine.control.base import ControlLaw, Vector3
+from marine.control.heading import Heading
 from marine.control.laws import known_laws
 from marine.control.preview import StepResponse, law_step
 from marine.control.stability import drag_bound, margins
 from marine.control.structures import LoopDesign
+from marine.guidance.abilities import Abilities
 from marine.guidance.reference_filter import MotionLimits, ReferenceFilter
 from marine.vessel import Axis, DegreeOfFreedom, Sensor, Vessel
 
@@ -42,14 +44,14 @@ def horizontal_limits(vessel: Vessel) -> Vector3:
 
 def serving(vessel: Vessel) -> str:
     """Return what the laws serve that a vessel is tuned by: positioning, or steering where it cannot hold a place."""
-    return "positioning" if {"X", "Y", "N"} <= set(vessel.controlled) else "steering"
+    return ControlLaw.serves if {"X", "Y", "N"} <= set(vessel.controlled) else Heading.serves
 
 
 def tuned_axes(vessel: Vessel) -> tuple[TunedAxis, ...]:
-    """Return the axes that such a law acts on."""
+    """Return the axes that are identified for its law: those that it pushes both ways."""
     controlled: dict[TunedAxis, Axis] = {"surge": "X", "sway": "Y", "yaw": "N"}
-    found: tuple[TunedAxis, ...] = AXES if serving(vessel) == "positioning" else ("yaw",)
-    return tuple(axis for axis in found if controlled[axis] in vessel.controlled)
+    astern = Abilities(vessel).astern_m_s > 0.0
+    return tuple(a for a in AXES if controlled[a] in vessel.controlled and (astern or a != "surge"))
 
 
 def parameters_of(law: type[ControlLaw], values: Any) -> Any:
@@ -196,7 +198,7 @@ def preview(
     longest_s = DURATION / vessel.hold_w0_rad_s
     found: dict[TunedAxis, dict[str, Any]] = {}
     for number, axis in enumerate(AXES):
-        if axis not in tuned_axes(vessel):
+        if limits[number] <= 0.0 or (law.serves == Heading.serves and axis != "yaw"):
             continue
         found[axis] = loop_figures(loops(law)[axis]) if axis in loops(law) else {}
         for name, aside in (("step", False), ("aside", True)):

@@ -25,6 +25,7 @@ from marine.actuators import Drive
 from marine.control.laws import laws_document
 from marine.guidance.abilities import AXIS_NAMES
 from marine.vessel import INSTRUMENTS, Vessel
+from services.tuning import serving, tuned_axes
 from ui.session import Update
 from ui.tuning import Previews
 
@@ -206,8 +207,9 @@ def system_document(vessel: Vessel, title: str = "") -> dict[str, Any]:
         "actuators": [a.name for a in vessel.actuators],
         "sensors": [s.kind for s in vessel.sensors],
         "axes": [AXIS_NAMES[axis] for axis in vessel.controlled],
-        "laws": laws_document(),
-        "hold_w0_rad_s": vessel.hold_w0_rad_s,
+        "laws": [law for law in laws_document() if law["serves"] == serving(vessel)],
+        "tuned": tuned_axes(vessel),
+        "w0_rad_s": vessel.hold_w0_rad_s if "sway" in tuned_axes(vessel) else vessel.steering_w0_rad_s,
         "services": sorted(publishers - {"*", topics.OPERATOR}),
     }
 

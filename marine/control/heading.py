@@ -48,7 +48,7 @@ class HeadingParameters(Parameters):
 
     def design(self, vessel: Vessel) -> LoopDesign:
         """Return the loop for a vessel; raise ValueError when what is asked for is not allowed, (8.22)."""
-        w0 = self.yaw_w0_rad_s or vessel.heading_w0_rad_s or vessel.hold_w0_rad_s
+        w0 = self.yaw_w0_rad_s or vessel.steering_w0_rad_s
         return bessel_design(vessel.model.yaw, w0, STRUCTURES[self.structure], fixed=self.yaw_w0_rad_s is not None)
 
 

@@ -69,7 +69,7 @@ def autotune(  # noqa: PLR0917 - typer makes options of them
             print("engaged: what ran before")
             return
         vessel = _vessel()
-        models = {one: _identified(bus, one, amplitude, oscillations, take, as_json) for one in _axes(axis)}
+        models = {one: _identified(bus, one, amplitude, oscillations, take, as_json) for one in _axes(axis, vessel)}
         proposal = proposed(present, law, w0, models)
         refused, document = compared(vessel, proposal, present)
         if not as_json:
@@ -134,9 +134,14 @@ class Desk:
             raise CliError(f"refused: {answer.reason}")
 
 
-def _axes(axis: str) -> tuple[TunedAxis, ...]:
+def _axes(axis: str, vessel: Vessel) -> tuple[TunedAxis, ...]:
+    from services.tuning import tuned_axes
+
     order: tuple[TunedAxis, ...] = ("yaw", "surge", "sway")
-    return order if axis == "all" else tuple(one for one in order if one == axis)
+    can = tuned_axes(vessel)
+    if axis != "all" and axis not in can:
+        raise CliError(f"{vessel.name} has no law that acts on {axis}: tune {', '.join(can)}")
+    return tuple(one for one in order if one in can and axis in ("all", one))
 
 
 def _vessel() -> Vessel:

@@ -51,6 +51,9 @@ def experiment(  # noqa: PLR0917 - typer makes options of them
     laser: Annotated[
         bool, typer.Option("--laser", help="Surge by the distance from the wall ahead, facing it.")
     ] = False,
+    speed: Annotated[
+        float | None, typer.Option(help="Of yaw: m/s ahead meanwhile; a vessel with a rudder runs, named or not.")
+    ] = None,
     take: Annotated[bool, typer.Option("--take", help="Take over from a page that has the helm.")] = False,
     file: Annotated[Path | None, typer.Option(help="Of a campaign: its TOML file.")] = None,
     levels: Annotated[int, typer.Option(min=4, max=50, help="Of pull: forces each way.")] = 6,
@@ -85,6 +88,7 @@ def experiment(  # noqa: PLR0917 - typer makes options of them
             oscillations=oscillations,
             duration_s=duration_s,
             sensor="laser" if laser else None,
+            speed_m_s=speed,
         )
     except ValidationError as error:
         raise CliError(first_line(error)) from None

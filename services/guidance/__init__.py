@@ -11,8 +11,8 @@ from services.guidance.steering import Steering
 from services.guidance.trajectory import Following
 
 GUIDANCE: tuple[type[Guidance], ...] = (
-    PoseKeeping,
     HeadingKeeping,
+    PoseKeeping,
     Following,
     Steering,
     SpeedKeeping,

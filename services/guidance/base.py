@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, NamedTuple
 
 from pydantic import Field
@@ -53,7 +53,7 @@ class Tools:
     filter: ReferenceFilter | None
     """None: the law gets steps as they are."""
     config: GuidanceConfig
-    steering: HeadingParameters = HeadingParameters()
+    steering: HeadingParameters = field(default_factory=HeadingParameters)
     """Design of the heading loop, where there is no positioning law or on the way."""
 
 

@@ -6,8 +6,12 @@ from typing import Any
 
 from bus.messages import HelmState
 from marine.control.base import ZERO, Vector3
+from marine.control.heading import Heading
+from marine.vessel import Vessel
 from services.guidance.base import Guidance, Seen, Tools
 from services.guidance.loops import heading_loop, speed_loop
+from services.guidance.pose import PoseKeeping
+from services.tuning import serving
 
 
 class SpeedKeeping(Guidance):
@@ -45,7 +49,10 @@ class SpeedKeeping(Guidance):
 
 
 class HeadingKeeping(Guidance):
-    """Mode heading of a vessel for which there is no positioning law: I-PD of the heading."""
+    """Mode heading, and experiments, of a vessel that steers only: its heading loop, and its place ahead if it has one.
+
+    Of the positioning law only what keeps surge is used.
+    """
 
     law = "positioning"
     needs = ("N",)
@@ -54,20 +61,30 @@ class HeadingKeeping(Guidance):
         """Raise ValueError when the loop cannot be designed."""
         super().__init__(tools)
         self._heading = heading_loop(tools)
+        self._place = PoseKeeping(tools) if tools.positioning else None
+
+    @classmethod
+    def fits(cls, vessel: Vessel) -> bool:
+        """Return whether the vessel steers only."""
+        return super().fits(vessel) and serving(vessel) == Heading.serves
 
     def engage(self, order: HelmState, seen: Seen) -> None:
-        """Start the loop from what the actuators give."""
+        """Start the loops from what the actuators give."""
         self._heading.follow(seen.given[2], seen.eta[2], seen.nu[2])
+        if self._place:
+            self._place.engage(order, seen)
 
     def step(self, order: HelmState, seen: Seen) -> Vector3:
-        """Run the loop once."""
+        """Run the loops once."""
         psi = seen.eta[2]
         wanted = psi if order.psi_rad is None else order.psi_rad
-        return 0.0, 0.0, self._heading.step(seen.dt_s, wanted, psi, seen.nu[2], seen.missing[2])
+        N = self._heading.step(seen.dt_s, wanted, psi, seen.nu[2], seen.missing[2])
+        X = self._place.step(order, seen)[0] if self._place else 0.0
+        return X, 0.0, N
 
     def told(self) -> dict[str, Any]:
         """Return the error of the heading."""
-        return {"law": "heading", "error_psi_rad": self._heading.error}
+        return {"law": Heading.name, "error_psi_rad": self._heading.error}
 
 
 class StickOnly(Guidance):

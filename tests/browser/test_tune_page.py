@@ -7,6 +7,7 @@ import math
 import re
 import threading
 import time
+import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -32,13 +33,14 @@ TIMES = 20.0
 
 
 class HurriedStar:
-    """PlaDyPos twice as heavy as its file says, with the page, in a thread of its own."""
+    """PlaDyPos twice as heavy as its file says, or another vessel, with the page, in a thread of its own."""
 
-    def __init__(self, folder: Path) -> None:
-        unknown = heavier(load_vessel("pladypos").model)
+    def __init__(self, folder: Path, vessel: str = "pladypos") -> None:
+        model = heavier(load_vessel("pladypos").model)
+        unknown = {"model": model, "dynamics": model} if vessel == "pladypos" else {}
         still = {"current_x_m_s": 0.03, "current_y_m_s": 0.0, "current_std_m_s": 0.0}
         unsure = {"fault_detection": False}  # to a detector with such a model, thrusters look failed
-        self.star = Star(simulator=still, estimator=unsure, unknown={"model": unknown, "dynamics": unknown})
+        self.star = Star(vessel=vessel, simulator=still, estimator=unsure, unknown=unknown)
         deployment = Deployment(
             run_dir=Path("/nonexistent"), recordings_dir=folder, vessel_path=VESSELS_DIR / "pladypos.toml"
         )
@@ -87,9 +89,9 @@ class HurriedStar:
 
 
 @pytest.fixture
-def star(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[HurriedStar]:
+def star(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[HurriedStar]:
     monkeypatch.setattr(Helm, "warp", TIMES)  # a page's lease is in real time
-    with HurriedStar(tmp_path).running() as star:
+    with HurriedStar(tmp_path, getattr(request, "param", "pladypos")).running() as star:
         yield star
 
 
@@ -123,12 +125,21 @@ def test_an_unknown_vessel_is_tuned_and_held_by_three_clicks(
     assert turned(star) > 0.05 * math.pi / 2.0, "without tuning it misses the goal"
     star.ask(lambda s: s.request("stop"))
 
+    hint = page.locator("#tune-hint")
+    expect(hint).to_contain_text("three clicks")
     page.click(f"#tune-{button}")
+    expect(hint).to_contain_text("STOP ends it")
     expect(page.locator("#tune-status")).to_contain_text(f"self-oscillation {last}: done", timeout=200_000)
     row = page.locator("#tune-table tr", has_text="new reference: overshoots").locator("td").last
     expect(row).to_have_text(re.compile(r"\d\d\.\d → [0-4]\.\d"), timeout=10_000)
+    expect(hint).to_contain_text("yaw: inertia 1.0")
     page.click("#tune-engage")
     expect(page.locator("#tune-present")).to_contain_text("engaged by page-")
+    expect(hint).to_contain_text("In force. Hold keeps a place with it")
+    lines = page.locator("#tune-keep pre")
+    expect(lines).to_contain_text(re.compile(r"\[system\]\s+vessel = .*engaged"))
+    kept = tomllib.loads(lines.text_content() or "")
+    assert load_vessel(kept["system"]["vessel"]).model.yaw.alpha == pytest.approx(1.05, rel=0.02)
     page.click("#hold")
     star.wait(lambda s: (h := s.bus.last(topics.HELM_STATE)) and h.mode == "hold", "holding")
     star.ask(lambda s: s.request("stop"))
@@ -144,6 +155,7 @@ def test_the_menu_shows_and_engages_another_law_and_refuses_what_is_not_stable(p
     page.click("#tune-engage")
     expect(page.locator("#tune-present")).to_contain_text("In force: lqr, engaged by page-")
     expect(page.locator("#tune-law")).to_have_value("lqr")
+    expect(page.locator("#tune-keep pre")).to_have_text(re.compile(r'^\[controller\]\s+positioning = "lqr"$'))
     page.select_option("#tune-law", "ipd")
     page.fill("#tune [name=model_function]", "1,1,2")
     page.press("#tune [name=model_function]", "Tab")
@@ -162,3 +174,20 @@ def test_the_slider_changes_what_is_predicted(page: Page) -> None:
     expect(yaw).to_have_text("0.93 → 0.47")
     page.locator("#tune [name=yaw_w0_rad_s]").fill("-1")
     expect(yaw).to_have_text("0.93 → 1.87")
+
+
+@pytest.mark.parametrize("star", ["charlie"], indirect=True)
+def test_a_boat_that_only_steers_has_its_heading_loop_tuned(page: Page, star: HurriedStar) -> None:
+    expect(page.locator("#tune .tune-buttons").first).to_have_text("Tune yaw")
+    expect(page.locator("#tune-law")).to_have_value("heading")
+    settles = page.locator("#tune-table tr", has_text="within 5 % after").last.locator("td")
+    expect(settles).to_have_count(1)
+    page.locator("#tune [name=yaw_w0_rad_s]").fill("1")  # twice the vessel file's frequency
+    expect(page.locator("#tune-table tr", has_text="delay margin").locator("td")).to_contain_text("→")
+    page.locator("#tune [name=yaw_w0_rad_s]").fill("0.3")
+    page.click("#tune-engage")
+    expect(page.locator("#tune-present")).to_contain_text("In force: heading, engaged by page-")
+    page.click("#tune-yaw")
+    star.wait(lambda s: (h := s.bus.last(topics.HELM_STATE)) and h.mode == "experiment" and h.speed_m_s, "under way")
+    page.click("#stop")
+    star.wait(lambda s: (h := s.bus.last(topics.HELM_STATE)) and h.mode == "stop", "stopped")

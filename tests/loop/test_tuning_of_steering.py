@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -30,13 +31,11 @@ def heavier() -> SmallVesselModel:
     return replace(CHARLIE.dynamics, yaw=yaw)
 
 
-def afloat(folder: Path, **sections: object) -> Star:
+def afloat(folder: Path, **sections: Any) -> Star:
     """Return a star whose Charlie is heavier than its file says, far from all walls ahead."""
     world = {"x_m": 10.0, "y_m": 60.0, "current_x_m_s": 0.0, "current_std_m_s": 0.0}
     deployment = Deployment(run_dir=folder, recordings_dir=folder)
-    star = Star(
-        vessel="charlie", deployment=deployment, unknown={"dynamics": heavier()}, simulator=world, **sections
-    )  # type: ignore[arg-type]
+    star = Star(vessel="charlie", deployment=deployment, unknown={"dynamics": heavier()}, simulator=world, **sections)
     star.bus.add(Experiments(ExperimentConfig(), star.vessel, deployment))
     star.bus.run_until(
         lambda: (s := star.bus.last(topics.NAVIGATION_STATE)) is not None and s.status == "tracking", 20.0

@@ -25,13 +25,14 @@ const significant = (value) => Number(value.toPrecision(4));
 export class Tune {
   constructor(helm, link, store, system) {
     Object.assign(this, { helm, link, store, system, proposal: null, followed: 0, seen: null, queue: [], asked: 0, waiting: new Map() });
+    this.hint = h("p", { id: "tune-hint", role: "status" });
     this.present = h("p", { class: "note", id: "tune-present" });
     this.progress = h("progress", { max: "1", value: "0" });
     this.line = h("p", { class: "note", id: "tune-status" });
-    const axes = system.axes.filter((axis) => ["surge", "sway", "yaw"].includes(axis));
+    const axes = system.tuned;
     const button = (id, label, run, title = "") => h("button", { type: "button", id, title, onclick: run }, label);
     this.law = h("select", { id: "tune-law", "aria-label": "law", onchange: () => this.choose({ law: this.law.value, parameters: {} }) },
-      ...system.laws.filter((law) => law.serves === "positioning").map((law) => h("option", { value: law.name, title: law.doc }, law.name)));
+      ...system.laws.map((law) => h("option", { value: law.name, title: law.doc }, law.name)));
     this.doc = h("p", { class: "note" });
     this.fields = h("div", { class: "tune-fields" });
     this.refused = h("p", { class: "refused", id: "tune-refused", role: "alert" });
@@ -39,13 +40,16 @@ export class Tune {
     this.engage = button("tune-engage", "Engage", () => this.ask(this.proposal), "Go on with this law from now on, without a jump");
     this.discard = button("tune-discard", "Discard", () => this.copyPresent());
     this.back = button("tune-back", "Back to before", () => this.ask(this.gains.before));
+    this.lines = h("pre");
+    this.keep = h("details", { id: "tune-keep", hidden: true },
+      h("summary", {}, "Keep it for the next start: these lines of the configuration file"), this.lines);
     document.querySelector("#tune").append(
-      this.present,
+      this.hint, this.present,
       h("div", { class: "tune-buttons" }, ...[...axes].reverse().map((axis) => button(`tune-${axis}`, `Tune ${axis}`, () => this.run([axis]), "Identify by a self-oscillation")),
-        button("tune-all", "Tune all", () => this.run(["yaw", "surge", "sway"].filter((axis) => axes.includes(axis))))),
+        ...(axes.length > 1 ? [button("tune-all", "Tune all", () => this.run(["yaw", "surge", "sway"].filter((axis) => axes.includes(axis))))] : [])),
       this.progress, this.line,
       h("div", { class: "tune-law" }, h("label", {}, h("span", { class: "label" }, "law"), this.law), this.fields), this.doc,
-      this.refused, h("div", { class: "tune-buttons" }, this.engage, this.discard, this.back), this.table);
+      this.refused, h("div", { class: "tune-buttons" }, this.engage, this.discard, this.back), this.keep, this.table);
   }
 
   get gains() {
@@ -74,6 +78,45 @@ export class Tune {
     this.engage.disabled = !changed || Boolean(this.refused.textContent);
     this.discard.disabled = !changed;
     this.back.disabled = !this.link.open || (!gains.before && !gains.engaged);
+    if (this.unseen && this.link.open) this.preview();
+    text(this.hint, this.next(gains, status?.state, changed));
+    const lines = this.configuration(gains);
+    text(this.lines, lines);
+    this.keep.hidden = !lines;
+  }
+
+  /** What there is to do now, in a sentence. */
+  next(gains, state, changed) {
+    if (["running", "identifying"].includes(state))
+      return "The vessel swings to and fro about its place, half a minute to a minute. STOP ends it. Nothing is changed by it.";
+    const found = Object.entries(this.proposal?.models ?? {}).filter(([axis, model]) => JSON.stringify(model) !== JSON.stringify(gains.tuning.models[axis]));
+    if (this.refused.textContent) return "Not like this: change law or parameters, or Discard.";
+    if (found.length) {
+      const told = found.map(([axis, { alpha }]) => `${axis}: inertia ${significant(alpha)} instead of ${significant(gains.tuning.models[axis].alpha)}`);
+      return `Found ${told.join("; ")}. Engage goes on with it, without a jump; until then nothing has changed.`;
+    }
+    if (changed) return "Changed here, not on the vessel: Engage takes it over, Discard forgets it.";
+    if (gains.engaged) return "In force. Hold keeps a place with it; Back to before undoes it.";
+    return "Unknown vessel, three clicks: Tune identifies it (it swings for half a minute an axis), Engage takes over what was found, Hold.";
+  }
+
+  /** The lines of a configuration file that make what was engaged last: empty when the file has it already. */
+  configuration({ tuning, configured, engaged }) {
+    if (!engaged) return "";
+    const value = (one) => (typeof one === "string" ? JSON.stringify(one) : one);
+    const same = (a, b) => JSON.stringify(a) === JSON.stringify(b);
+    const law = this.system.laws.find((one) => one.name === tuning.law);
+    const before = tuning.law === configured.law ? configured.parameters : Object.fromEntries(law.parameters.map((p) => [p.name, p.default]));
+    const other = Object.entries(tuning.parameters).filter(([name, one]) => one !== null && !same(one, before[name]));
+    const file = /^engaged models: (.*)$/.exec(this.store.get("service/experiment/heartbeat")?.note ?? "")?.[1];
+    const lines = same(tuning.models, configured.models) ? [] : ["[system]", file ? `vessel = ${JSON.stringify(file)}` : "# vessel = ... : no file was written, the note of experiment in Services says why"];
+    if (law.serves === "positioning") {
+      if (tuning.law !== configured.law) lines.push("[controller]", `positioning = ${JSON.stringify(tuning.law)}`);
+      if (other.length) lines.push(`[controller.laws.${tuning.law}]`, ...other.map(([name, one]) => `${name} = ${value(one)}`));
+    } else if (other.length) {
+      lines.push("[controller]", ...other.map(([name, one]) => `${name === "structure" ? "heading" : "heading_w0_rad_s"} = ${value(one)}`));
+    }
+    return lines.join("\n");
   }
 
   showStatus(status) {
@@ -138,7 +181,7 @@ export class Tune {
       if (fallback !== null) {
         return this.field(name, doc, h("input", { name, value, type: "number", step: "any", oninput: (event) => set(name, event.target.valueAsNumber) }));
       }
-      const w0 = this.system.hold_w0_rad_s;
+      const w0 = this.system.w0_rad_s;
       const shown = value ?? this.proposal.parameters.w0_rad_s ?? w0;
       const number = h("output", {}, fixed(shown, 2));
       const slide = (event) => {
@@ -164,9 +207,11 @@ export class Tune {
       const answer = await fetch("/api/tuning", { method: "POST", headers: { "Content-Type": "application/json" }, body });
       found = answer.ok ? await answer.json() : { refused: await answer.text(), axes: {} };
     } catch {
-      found = { refused: "no connection to the server", axes: {} };
+      found = null;
     }
     if (asked !== this.asked) return; // the slider has moved on
+    this.unseen = !found;
+    if (!found) return; // asked again with the next connection
     text(this.refused, found.refused ? `Not allowed: ${found.refused}` : "");
     this.showTable(found.axes);
   }
@@ -185,8 +230,9 @@ export class Tune {
     const model = (label, key) => row(label, (_, which, axis) => (which === "present" ? tuning : this.proposal).models[axis][key], some,
       (axis) => (this.proposal.models[axis][key] === configured.models[axis][key] ? "vessel file" : "identified"));
     this.table.replaceChildren(
+      h("p", { class: "label" }, "Pushed aside: how it comes back, ", h("span", { class: "present" }, "present"), " and ", h("b", { class: "proposed" }, "proposed")),
       h("div", { class: "tune-plots" }, ...names.map((axis) => this.plot(axis, axes[axis]))),
-      h("table", {}, h("thead", {}, h("tr", {}, h("th", {}, "present → proposed"), ...names.map((axis) => h("th", {}, axis)))), h("tbody", {},
+      h("table", {}, h("thead", {}, h("tr", {}, h("th", {}, h("span", { class: "present" }, "present"), " → ", h("b", { class: "proposed" }, "proposed")), ...names.map((axis) => h("th", {}, axis)))), h("tbody", {},
         ...ROWS.map(([part, name, label, count]) => row(label, (found) => (part ? found[part]?.[name] : found[name]),
           name === "settling_s" ? (value) => (value == null ? "never" : fixed(value, count)) : digits(count))),
         model("inertia α, kg or kg m²", "alpha"), model("constant drag", "beta"), model("linear drag", "beta_quadratic"),
