@@ -171,9 +171,10 @@ def pose_of(corners: Any, psi_rad: float) -> Pose:
     x, y = c[:, 0], c[:, 1]
     if x @ np.roll(y, -1) - y @ np.roll(x, -1) < 0:
         c = c[::-1]
-    heading = heading_of(c)
+    clockwise = [(x, y) for x, y in c.tolist()]
+    heading = heading_of(clockwise)
     quarter = 0.5 * math.pi * round((psi_rad - heading) / (0.5 * math.pi))
-    return (*middle_of(c), heading + quarter)
+    return (*middle_of(clockwise), heading + quarter)
 
 
 def measure() -> list[Result]:

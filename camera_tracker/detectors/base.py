@@ -23,6 +23,10 @@ AMBIGUOUS_QUALITY = 0.5
 _REASON_BELOW = 0.8
 
 
+Point = tuple[float, float]
+"""x, y in px."""
+
+
 class Region(NamedTuple):
     """A part of a picture, in whole px: columns x0 <= x < x1, rows y0 <= y < y1."""
 
@@ -59,9 +63,9 @@ class Detection(NamedTuple):
     """How far the marker reaches from its middle, about."""
     misfit: float = 0.0
     """How badly it fits what was looked for, 0 (well) to 1."""
-    corners_px: tuple[tuple[float, float], ...] = ()
+    corners_px: tuple[Point, ...] = ()
     """Corners of a square marker, clockwise from its upper left one as it was printed."""
-    patches_px: tuple[tuple[float, float], ...] = ()
+    patches_px: tuple[Point, ...] = ()
     """Centres of the front and the rear one of two coloured patches."""
     several: bool = False
     """Two markers of this kind are in the picture: which of them it is is a guess."""
@@ -77,7 +81,7 @@ class Prediction(NamedTuple):
     psi_rad: float
     last: Detection
 
-    def moved(self, points_px: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+    def moved(self, points_px: Iterable[Point]) -> list[Point]:
         """Return points of the last detection, moved and turned."""
         turn = self.psi_rad - self.last.psi_rad
         c, s = math.cos(turn), math.sin(turn)

@@ -7,10 +7,10 @@ pixel under motion blur and below 40 px, and because a region around a predicted
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -21,6 +21,7 @@ from camera_tracker.detectors.base import (
     GOOD_QUALITY,
     Detection,
     Detector,
+    Point,
     Prediction,
     Region,
     doubtful,
@@ -29,10 +30,12 @@ from camera_tracker.detectors.base import (
     worst,
 )
 from camera_tracker.detectors.candidates import dark_quadrilaterals
-from camera_tracker.detectors.edges import Floats, Outline, fit_outline, heading_of, middle_of
-from camera_tracker.detectors.template import align
+from camera_tracker.detectors.edges import SETTLED_PX, Floats, Outline, fit_outline, heading_of, middle_of
+from camera_tracker.detectors.template import align, homography
 from camera_tracker.sources import Image
 from marine.frames import wrap_angle
+
+T = TypeVar("T")
 
 _COARSE_WIDTH_PX, _FINE_WIDTH_PX = 960, 2000
 """A search halves the picture until it is no wider than this: each time, and when markers are missing now and then."""
@@ -45,6 +48,8 @@ _DENSITY, _NOISY_DENSITY = 4, 8
 """Places per module at most, for that: more of them average more noise."""
 _NEAR_PX = 0.25
 """Without noise, corners by the code and by the outline are not further apart, unless something is on the marker."""
+_ROUGH_PX = 0.3
+"""Where the whole code gives the place, the outline may be wrong by a small part of this: its step to there."""
 _STRANGE_MODULE = 0.12
 """A module that differs by this part of the contrast may have some glare on it, or a shadow."""
 _REACH_MODULES = 0.7
@@ -53,8 +58,6 @@ _BENT_PX = 0.15
 """An edge that is bent by this much is not seen as it is: the pose errs by 0.3 px then (benchmarks/tracker.py)."""
 _BOW = 0.02
 """Lens and paper may bend an edge by this part of a module."""
-_TURNED = (np.arange(4) - np.arange(4)[:, None]) % 4
-"""Corners by quarter turns of the marker: the first one is its upper left one as printed."""
 _WRONG_MODULE = 0.25
 """A module that differs from what the code says by this part of the contrast is covered or shone upon."""
 
@@ -68,8 +71,8 @@ class Code:
 
     size: int
     words: NDArray[np.uint64]
-    patterns: NDArray[np.float64]
-    """(ids, size + 4, size + 4): 1 where white, with the black border and a white ring around it."""
+    patterns: NDArray[np.bool_]
+    """(ids, size + 4, size + 4): true where white, with the black border and a white ring around it."""
     correctable: int
     """Wrong bits that are put up with: 60 % of what the dictionary can correct, as OpenCV does."""
     models: dict[tuple[int, int], tuple[Floats, Floats]] = field(default_factory=dict)
@@ -77,7 +80,7 @@ class Code:
     def model(self, marker: int, turns: int) -> tuple[Floats, Floats]:
         """Return a marker's linear model (modules, 3): its own white, its neighbours', one; and the inverse."""
         if (marker, turns) not in self.models:
-            pattern = np.rot90(self.patterns[marker], turns)
+            pattern = np.rot90(self.patterns[marker], turns).astype(np.float32)
             padded = np.pad(pattern, 1, mode="edge")
             around = 0.25 * (padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:])
             design = np.stack([pattern.ravel(), around.ravel(), np.ones(pattern.size)], axis=1)
@@ -91,11 +94,10 @@ def load_code(name: str) -> Code:
     number = next(v for k, v in vars(cv2.aruco).items() if k.lower() == f"dict_{name}")
     book = cv2.aruco.getPredefinedDictionary(number)
     size, count = book.markerSize, book.bytesList.shape[0]
-    patterns = np.ones((count, size + 4, size + 4))
+    patterns = np.ones((count, size + 4, size + 4), np.bool_)
     for i in range(count):
         patterns[i, 1:-1, 1:-1] = cv2.aruco.generateImageMarker(book, i, size + 2) > 127
-    bits = patterns[:, 2:-2, 2:-2] > 0.5
-    words = np.stack([_words(np.rot90(bits, k, axes=(1, 2))) for k in range(4)], axis=1)
+    words = np.stack([_words(np.rot90(patterns[:, 2:-2, 2:-2], k, axes=(1, 2))) for k in range(4)], axis=1)
     return Code(size, words, patterns, int(0.6 * book.maxCorrectionBits))
 
 
@@ -104,13 +106,12 @@ def _words(bits: NDArray[np.bool_]) -> NDArray[np.uint64]:
     return np.asarray((flat * (np.uint64(1) << np.arange(flat.shape[1], dtype=np.uint64))).sum(axis=1), np.uint64)
 
 
-@dataclass(frozen=True)
-class _Reading:
+class _Reading(NamedTuple):
     """A marker that was read: its id, and what speaks against it."""
 
     marker: int
     turns: int
-    corners: Floats
+    corners: list[Point]
     wrong_bits: int
     covered: float
     """Part of the modules that are not as the code says."""
@@ -138,18 +139,12 @@ class SquareDetector(Detector):
 
     def look(self, image: Image, name: str, region: Region, prediction: Prediction) -> Detection | None:
         """Return a vehicle near its prediction: by fitting the predicted outline, else by a search of the region."""
-        grey = _grey(region.of(image))
         found = None
-        if prediction.last.corners_px:
-            found = self._measure(
-                grey,
-                region,
-                np.array(prediction.moved(prediction.last.corners_px)) - (region.x0, region.y0),
-                image,
-                near=True,
-            )
+        if corners := prediction.moved(prediction.last.corners_px):
+            found = self._measure(corners, image, near=True, settled_px=_ROUGH_PX)
         if found is not None and found[0] == name and found[1].quality >= GOOD_QUALITY:
             return found[1]
+        grey = cv2.cvtColor(region.of(image), cv2.COLOR_BGR2GRAY)
         seen = [d for n, d in self._candidates(grey, 1, region, image) if n == name]
         if found is not None and found[0] == name:
             seen.append(found[1])
@@ -190,32 +185,35 @@ class SquareDetector(Detector):
     ) -> list[tuple[str, Detection]]:
         """Return what is read from the dark quadrilaterals of a grey picture of the region, reduced by a factor."""
         found = []
-        for corners in dark_quadrilaterals(grey.astype(np.uint8, copy=False)):
-            at = factor * (corners + 0.5) - 0.5
-            if factor == 1 and grey.dtype == np.float32:
-                measured = self._measure(grey, region, at, image)
-            else:
-                part = _around(at, image)
-                measured = self._measure(_grey(part.of(image)), part, at - (part.x0, part.y0), image)
+        for corners in dark_quadrilaterals(grey):
+            at = factor * (corners + 0.5) - 0.5 + (region.x0, region.y0)
+            measured = self._measure([(x, y) for x, y in at.tolist()], image)
             if measured is not None:
                 found.append(measured)
         return found
 
     def _measure(
-        self, grey: NDArray[np.float32], region: Region, corners: Floats, image: Image, *, near: bool = False
+        self, corners: Sequence[Point], image: Image, *, near: bool = False, settled_px: float = SETTLED_PX
     ) -> tuple[str, Detection] | None:
-        """Fit and read a marker near corners (px of the region); None when there is none that is known."""
-        a, b, c, d = corners.tolist()
+        """Fit and read a marker near corners; None when there is none that is known."""
+        a, b, c, d = corners
         sides_px = (math.dist(a, b) + math.dist(c, d), math.dist(b, c) + math.dist(d, a))
         module_px = min(sides_px) / (2 * self._code.size + 4)
-        outline = fit_outline(grey, corners, min(max(_REACH_MODULES * module_px, 2.0), 9.0), near=near)
+        part = _around(corners, module_px + 4.0 if near else 3.0 * module_px + 6.0, image)
+        grey = cv2.cvtColor(part.of(image), cv2.COLOR_BGR2GRAY).astype(np.float32)
+        corners = [(x - part.x0, y - part.y0) for x, y in corners]
+        reach_px = min(max(_REACH_MODULES * module_px, 2.0), 9.0)
+        outline = fit_outline(grey, corners, reach_px, near=near, settled_px=settled_px)
         if outline is None:
             return None
         reading = self._read(grey, outline)
         if reading is None:
             return None
         name, heading = self._of_id.get(reading.marker, (str(reading.marker), 0.0))
-        at = np.add(self._aligned(grey, outline, reading, module_px), (region.x0, region.y0))
+        aligned = self._aligned(grey, outline, reading, module_px)
+        at = [(x + part.x0, y + part.y0) for x, y in aligned or reading.corners]
+        if aligned is None and outline.step_px > SETTLED_PX < settled_px:
+            return self._measure(at, image, near=True)
         x_px, y_px = middle_of(at)
         quality, reason = worst(_checks(outline, reading, at, image, module_px))
         return name, Detection(
@@ -225,26 +223,26 @@ class SquareDetector(Detector):
             quality=quality,
             reason=reason,
             heading_ambiguous=False,
-            extent_px=max(math.dist((x_px, y_px), corner) for corner in at.tolist()),
+            extent_px=max(math.dist((x_px, y_px), corner) for corner in at),
             misfit=reading.covered,
-            corners_px=tuple((x, y) for x, y in at.tolist()),
+            corners_px=tuple(at),
         )
 
-    def _aligned(self, grey: NDArray[np.float32], outline: Outline, reading: _Reading, module_px: float) -> Floats:
-        """Return the corners by the whole code, but those of the outline where something lies on the code.
+    def _aligned(self, grey: Floats, outline: Outline, reading: _Reading, module_px: float) -> list[Point] | None:
+        """Return the corners by the whole code; None where something lies on the code, and those of the outline count.
 
         The outline leaves out what glare or a hand changes, the code does not; noise hides the outline sooner.
         """
-        noisy = float(outline.std_px.max()) > _NOISY_PX
+        noisy = max(outline.std_px) > _NOISY_PX
         if not noisy and reading.strange:
-            return reading.corners
-        pattern = self._code.patterns[reading.marker] > 0.5
+            return None
+        pattern = self._code.patterns[reading.marker]
         density = min(max(round(module_px), 2), _NOISY_DENSITY if noisy else _DENSITY)
-        upper, right, lower, left = (outline.widths_px[_TURNED[reading.turns]] / module_px).tolist()
-        blur_modules = (0.5 * (left + right), 0.5 * (upper + lower))
+        upper, right, lower, left = _turned(outline.widths_px, reading.turns)
+        blur_modules = (0.5 * (left + right) / module_px, 0.5 * (upper + lower) / module_px)
         aligned = align(grey, reading.corners, pattern, density, blur_modules)
-        if aligned is None or (not noisy and float(np.abs(aligned - reading.corners).max()) > _NEAR_PX):
-            return reading.corners
+        if aligned is None or (not noisy and max(map(math.dist, aligned, reading.corners)) > _NEAR_PX):
+            return None
         return aligned
 
     def _nearest(self, bits: NDArray[np.bool_]) -> tuple[int, int]:
@@ -254,10 +252,12 @@ class SquareDetector(Detector):
         best = int(distance.argmin())
         return best, int(distance.flat[best])
 
-    def _read(self, grey: NDArray[np.float32], outline: Outline) -> _Reading | None:
+    def _read(self, grey: Floats, outline: Outline) -> _Reading | None:
         """Read the marker inside an outline: its code, its turn, and which modules are not as they should be."""
         size = self._code.size
         levels = _sample(grey, outline.corners, size)
+        if levels is None:
+            return None
         black, white = (float(upper_median(levels[ring])) for ring in _rings(size))
         if white - black < 8.0:
             return None
@@ -272,32 +272,31 @@ class SquareDetector(Detector):
                 return None
         marker, turns = int(self._ids[best // 4]), best % 4
         error = _misfit(levels, *self._code.model(marker, turns))
-        size_of_error = np.abs(error)
-        covered = int(np.count_nonzero(size_of_error > _WRONG_MODULE)) / error.size
+        covered = sum(abs(e) > _WRONG_MODULE for e in error) / len(error)
         if not sure and covered > _MOST_COVERED:
             return None
         return _Reading(
             marker=marker,
             turns=turns,
-            corners=outline.corners[_TURNED[turns]],
+            corners=_turned(outline.corners, turns),
             wrong_bits=wrong_bits,
             covered=covered,
-            strange=float(size_of_error.max()) > _STRANGE_MODULE,
-            bright=bool(error[size_of_error > 0.1].sum() >= 0.0),
+            strange=max(map(abs, error)) > _STRANGE_MODULE,
+            bright=sum(e for e in error if abs(e) > 0.1) >= 0.0,
         )
 
 
 def _checks(
-    outline: Outline, reading: _Reading, corners: Floats, image: Image, module_px: float
+    outline: Outline, reading: _Reading, corners: Sequence[Point], image: Image, module_px: float
 ) -> list[tuple[float, str]]:
     """Return the qualities of a reading with their reasons."""
     height, width = image.shape[:2]
     covered = "glare" if reading.bright else "partly covered"
-    inliers = float(outline.inliers.min())
-    std_px = float(outline.std_px.max())
-    blur = float(outline.widths_px.mean()) / module_px
+    inliers = min(outline.inliers)
+    std_px = max(outline.std_px)
+    blur = sum(outline.widths_px) / (4.0 * module_px)
     checks = [
-        (min(1.0, float(outline.contrast.min()) / _GOOD_CONTRAST), "low contrast"),
+        (min(1.0, min(outline.contrast) / _GOOD_CONTRAST), "low contrast"),
         (_or_doubt(2.0 * inliers - 0.8), covered),
         (_or_doubt(1.0 - 6.0 * reading.covered), covered),
         (_or_doubt(1.5 - outline.bent_px / max(_BENT_PX, _BOW * module_px)), f"{covered}: the edges are not straight"),
@@ -305,9 +304,9 @@ def _checks(
         (_or_doubt(1.7 - 1.5 * blur), "blurred"),
         (1.0 - 0.2 * reading.wrong_bits, f"{reading.wrong_bits} wrong bits"),
     ]
-    if outline.step_px > 0.15:
+    if not outline.settled:
         checks.append(doubtful("the outline does not settle"))
-    if corners.min() < 1.5 or corners[:, 0].max() > width - 2.5 or corners[:, 1].max() > height - 2.5:
+    if not all(1.5 <= x <= width - 2.5 and 1.5 <= y <= height - 2.5 for x, y in corners):
         checks.append(doubtful("out of view: clipped at the edge of the picture"))
     return checks
 
@@ -329,14 +328,15 @@ def _other_bits(levels: Floats, size: int, white: float, black: float) -> list[N
     return [sharp > 0.5 * (black + white), inner > 0.5 * (inner.min() + inner.max())]
 
 
-def _misfit(levels: Floats, design: Floats, solver: Floats) -> Floats:
+def _misfit(levels: Floats, design: Floats, solver: Floats) -> list[float]:
     """Return how much each module is brighter than its code and its neighbours explain, as a part of the contrast.
 
     The neighbours stand for blur: it mixes a module with what lies around it.
     """
     factors = solver @ levels
     contrast = max(float(factors[0] + factors[1]), 1e-6)
-    return np.asarray((levels - design @ factors) / contrast)
+    errors: list[float] = ((levels - design @ factors) / contrast).tolist()
+    return errors
 
 
 @lru_cache(maxsize=8)
@@ -349,32 +349,35 @@ def _rings(size: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 @lru_cache(maxsize=8)
 def _grid(size: int) -> NDArray[np.float32]:
-    """Return nine points in each module, white ring included, in modules from the marker's corner: (x, y, 1)."""
+    """Return nine points in each module, white ring included, in half sides of the marker: (x, y, 1)."""
     at = np.arange(-1, size + 3) + 0.5
     inside = np.array([-0.25, 0.0, 0.25])
     x, y, dx, dy = np.meshgrid(at, at, inside, inside, indexing="xy")
-    return np.stack([(x + dx).ravel(), (y + dy).ravel(), np.ones(x.size)]).astype(np.float32)
+    half = 0.5 * size + 1.0
+    return np.stack([(x + dx).ravel() / half - 1.0, (y + dy).ravel() / half - 1.0, np.ones(x.size)]).astype(np.float32)
 
 
-def _sample(grey: NDArray[np.float32], corners: Floats, size: int) -> Floats:
+def _sample(grey: Floats, corners: Sequence[Point], size: int) -> Floats | None:
     """Return the mean grey level of each of the (size + 4)^2 modules, the ring around the marker included."""
-    side = size + 2.0
-    square = np.array([(0.0, 0.0), (side, 0.0), (side, side), (0.0, side)], np.float32)
-    h = cv2.getPerspectiveTransform(square, corners.astype(np.float32)).astype(np.float32)
-    points = h @ _grid(size)
+    h = homography(corners)
+    if h is None:
+        return None
+    points = h.astype(np.float32) @ _grid(size)
     x, y = (points[:2] / points[2]).reshape(2, -1, 9)
     values = cv2.remap(grey, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(values @ np.full(9, 1.0 / 9.0))
+    return np.asarray(np.add.reduce(values, axis=1) / 9.0)
 
 
-def _around(corners: Floats, image: Image) -> Region:
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    middle, half = 0.5 * (low + high), 0.75 * float((high - low).max()) + 6.0
-    return Region.around(float(middle[0]), float(middle[1]), half, image)
+def _around(corners: Sequence[Point], margin_px: float, image: Image) -> Region:
+    xs, ys = zip(*corners, strict=True)
+    left, right, top, bottom = min(xs), max(xs), min(ys), max(ys)
+    half_px = 0.5 * max(right - left, bottom - top) + margin_px
+    return Region.around(0.5 * (left + right), 0.5 * (top + bottom), half_px, image)
 
 
-def _grey(image: Image) -> NDArray[np.float32]:
-    return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float32)
+def _turned(items: list[T], turns: int) -> list[T]:
+    """Return corners or edges of a marker from its upper left corner as printed."""
+    return items[-turns:] + items[:-turns]
 
 
 def _reduction(image: Image, width_px: int) -> int:

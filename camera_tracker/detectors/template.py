@@ -7,11 +7,14 @@ costly depends on the marker and its blur alone, and is kept.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from camera_tracker.detectors.base import Point
 
 Floats = NDArray[np.float64]
 
@@ -20,26 +23,42 @@ _FINE = 16
 _AROUND = 0.6
 """Modules of the white ring that are compared; further out the blur brings in what lies beyond it."""
 _ITERATIONS = 8
-_SETTLED = 2e-4
-"""Of half the marker's side."""
-_SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], np.float32)
+_SETTLED = 1e-3
+"""Of half the marker's side: the next iteration would move it by a tenth of that."""
+
+
+def homography(corners: Sequence[Point]) -> Floats | None:
+    """Return the (3, 3) matrix that takes the square -1..1 to corners in its order; None where three are in a line.
+
+    Heckbert, "Fundamentals of Texture Mapping and Image Warping", 1989, section 2.2.3.
+    """
+    (ax, ay), (bx, by), (cx, cy), (dx, dy) = corners
+    sx, sy = ax - bx + cx - dx, ay - by + cy - dy
+    cross = (bx - cx) * (dy - cy) - (dx - cx) * (by - cy)
+    if abs(cross) < 1e-9:
+        return None
+    g, h = (sx * (dy - cy) - sy * (dx - cx)) / cross, (sy * (bx - cx) - sx * (by - cy)) / cross
+    of_unit_square = (bx - ax + g * bx, dx - ax + h * dx, ax), (by - ay + g * by, dy - ay + h * dy, ay), (g, h, 1.0)
+    return np.array([(0.5 * u, 0.5 * v, w + 0.5 * (u + v)) for u, v, w in of_unit_square])
 
 
 def align(
     grey: NDArray[np.float32],
-    corners: Floats,
+    corners: Sequence[Point],
     pattern: NDArray[np.bool_],
     density: int,
     blur_modules: tuple[float, float],
-) -> Floats | None:
-    """Return the corners (4, 2) where a marker fits best, from near ones; None when it does not settle.
+) -> list[Point] | None:
+    """Return the corners where a marker fits best, from near ones; None when it does not settle.
 
     pattern: (modules, modules), true where white, with the white ring and the black border; its first corner is
     corners[0]. density: places compared per module, each way. blur_modules: standard deviations of the
     picture's blur along the marker's x and y.
     """
     places, solver = _model(pattern.tobytes(), len(pattern), density, *(round(10.0 * b) for b in blur_modules))
-    h = cv2.getPerspectiveTransform(_SQUARE, corners.astype(np.float32))
+    h = homography(corners)
+    if h is None:
+        return None
     n = math.isqrt(places.shape[1])
     for _ in range(_ITERATIONS):
         points = h.astype(np.float32) @ places
@@ -48,15 +67,29 @@ def align(
         gain, _, *step = (solver @ values.ravel()).tolist()
         if gain <= 0:
             return None
-        a, b, c, d, e, f, g, k = (s / gain for s in step)
-        h = h @ np.linalg.inv([[1 + a, b, c], [d, 1 + e, f], [g, k, 1]])
-        size = max(abs(s) for s in (a, b, c, d, e, f, g, k))
+        size = max(map(abs, step)) / gain
+        h = h @ _back([s / gain for s in step])
         if size < _SETTLED:
-            ends = h @ np.vstack([_SQUARE.T, np.ones(4)])
-            return np.asarray((ends[:2] / ends[2]).T)
+            (a, b, c), (d, e, f), (g, k, i) = h.tolist()
+            square = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+            scaled = [(g * u + k * v + i, a * u + b * v + c, d * u + e * v + f) for u, v in square]
+            return [(x / w, y / w) for w, x, y in scaled]
         if size > 0.3:
             return None
     return None
+
+
+def _back(step: Sequence[float]) -> Floats:
+    """Return the inverse of a homography, given by how its first eight numbers differ from 1 or 0, times a number."""
+    a, b, c, d, e, f, g, k = step
+    a, e = 1.0 + a, 1.0 + e
+    return np.array(
+        [
+            (e - f * k, c * k - b, b * f - c * e),
+            (f * g - d, a - c * g, c * d - a * f),
+            (d * k - e * g, b * g - a * k, a * e - b * d),
+        ]
+    )
 
 
 @lru_cache(maxsize=64)

@@ -149,10 +149,10 @@ def test_the_tables_of_the_dictionaries_agree_with_opencv() -> None:
 
 
 def test_middle_and_heading_of_a_square_in_perspective() -> None:
-    corners = np.array([[0.0, 0.0], [10.0, 0.0], [8.0, 4.0], [2.0, 4.0]])
+    corners = [(0.0, 0.0), (10.0, 0.0), (8.0, 4.0), (2.0, 4.0)]
     assert middle_of(corners) == pytest.approx((5.0, 2.5))
     assert heading_of(corners) == pytest.approx(0.0)
-    assert heading_of(np.roll(corners, 1, axis=0)) == pytest.approx(-math.pi / 2)
+    assert heading_of(corners[-1:] + corners[:-1]) == pytest.approx(-math.pi / 2)
 
 
 @pytest.mark.parametrize(
