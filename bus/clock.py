@@ -86,7 +86,7 @@ class StarClock:
         try:
             answer = json.loads(told)
             real_ns, factor, epoch_ns = int(answer["real_ns"]), float(answer["factor"]), int(answer["epoch_ns"])
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, RecursionError) as error:
             raise ValueError(f"not a hub's time: {error}") from None
         if not (0 < factor < 1e6 and heard_ns >= asked_ns):
             raise ValueError("not a hub's time")

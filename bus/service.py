@@ -31,6 +31,8 @@ BACKLOG = 8
 """Samples kept between two steps by an input that wants only the latest: a malformed one must not hide a good one."""
 PATTERN_BACKLOG = 512
 """The same for an input of many keys, such as all heartbeats."""
+MAX_GAP = 1_000_000
+"""A greater jump in a sequence is no loss but another count, or nonsense."""
 MAX_PAYLOAD_BYTES = 4_000_000
 """A larger payload is malformed without a look: parsing it would hold up the step."""
 _HEADER = frozenset(Message.model_fields)
@@ -174,7 +176,8 @@ class Input(Generic[M]):
                 continue
             last = self._last.get(key)
             if last is not None and last[0] == message.source:  # count what was sent but never offered
-                self.gaps += max(0, message.seq - last[1] - (number - last[2]))
+                missing = message.seq - last[1] - (number - last[2])
+                self.gaps += missing if 0 < missing <= MAX_GAP else 0
             self._last[key] = (message.source, message.seq, number)
             before = self.latest
             if self.is_pattern:

@@ -122,18 +122,18 @@ class Store:
     def dump(self, since_ns: int = 0) -> bytes:
         """Return what came since a time as bytes: one line of JSON, then the payloads one after the other."""
         with self._lock:
-            items = [(key, e) for key, e in self.entries.items() if e.received_ns >= since_ns]
+            items = [(key, e, e.payload) for key, e in self.entries.items() if e.received_ns >= since_ns]
         index = [
             {
                 "key": key,
-                "size": None if e.payload is None else len(e.payload),
+                "size": None if payload is None else len(payload),
                 "received_ns": e.received_ns,
                 "count": e.traffic.count,
                 "source": e.source,
             }
-            for key, e in items
+            for key, e, payload in items
         ]
-        return b"\n".join([json.dumps(index).encode(), b"".join(e.payload or b"" for _, e in items)])
+        return b"\n".join([json.dumps(index).encode(), b"".join(payload or b"" for _, _, payload in items)])
 
     def merge(self, dumped: bytes) -> int:
         """Take over what is newer in another store's dump; return how many keys. Raises ValueError for nonsense."""

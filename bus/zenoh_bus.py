@@ -88,7 +88,10 @@ def key_sent_on(sample: zenoh.Sample) -> str:
     That happens for a moment when clients return to a hub that hung (docs/adr/0001-zenoh.md). So we attach the key.
     """
     key, sent = str(sample.key_expr), sample.attachment
-    return key if sent is None or sent.to_string() == key else ""
+    try:
+        return key if sent is None or sent.to_string() == key else ""
+    except ValueError:  # not even a text
+        return ""
 
 
 class HubUnreachableError(ConnectionError):

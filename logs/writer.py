@@ -118,7 +118,7 @@ class _Channel(NamedTuple):
 def _is_json(payload: bytes) -> bool:
     try:
         json.loads(payload)
-    except ValueError:
+    except (ValueError, RecursionError):
         return False
     return True
 

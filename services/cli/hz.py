@@ -32,6 +32,7 @@ class Arrivals:
 
     def add(self, sample: RawSample) -> None:
         """Count one message."""
+        from bus.service import MAX_GAP
         from services.cli.board import fields_of
 
         self.received_ns.append(sample.received_ns)
@@ -40,7 +41,7 @@ class Arrivals:
         seq, source = values.get("seq"), str(values.get("source", ""))
         if isinstance(seq, int):
             last = self._sequences.get(source)
-            if last is not None and seq > last + 1:
+            if last is not None and last + 1 < seq <= last + MAX_GAP:
                 self.gaps += seq - last - 1
             elif last is not None and 0 < seq <= last:  # 0: the publisher has started anew
                 self.out_of_order += 1

@@ -2,8 +2,6 @@
 
 import contextlib
 import itertools
-import os
-import random
 import signal
 import threading
 import time
@@ -320,14 +318,16 @@ def test_bad_payloads_and_keys_are_counted_and_harm_nobody(pair: HubPair) -> Non
         bad.put("control/*", b"{}")
         bad.put("**", b"{}")
         bad.put("noise/large", b"x" * 10_000_000)
+        bad.session.put("pladypos/control/wrench", b"{}", attachment=b"\xff")
+        bad.session.put("pladypos/noise/attached", b"{}", attachment=b"\xff")
         bad.session.delete("pladypos/link/status")
 
         def counted() -> bool:
             inbox.refresh()
-            return reader.paced.malformed >= 7
+            return reader.paced.malformed >= 8
 
         wait_for(counted, 5.0, "malformed messages, counted")
-        wait_for(lambda: statistics(good).refused >= before + 3, 5.0, "refused by the store")  # type: ignore[union-attr]
+        wait_for(lambda: statistics(good).refused >= before + 5, 5.0, "refused by the store")  # type: ignore[union-attr]
         stream.wait_for_flow(0.5)
 
 
@@ -390,21 +390,3 @@ def test_a_storm_of_clients_leaves_the_stream_in_peace() -> None:
 def test_nobody_there_is_one_clear_error() -> None:
     with pytest.raises(HubUnreachableError, match="starboard up"):
         ZenohBus.connect("pladypos", (f"tcp/127.0.0.1:{free_port()}",), 0.3)
-
-
-@pytest.mark.soak
-@pytest.mark.timeout(600)
-def test_fuzz_on_the_real_bus(pair: HubPair) -> None:
-    noise = random.Random(1)
-    bus = pair.client()
-    keys = [t.key for t in topics.all_topics() if "{" not in t.key] + ["noise/x", "control/**", "service/*/heartbeat"]
-    with Stream(pair.client(), pair.client()) as stream:
-        end_s = time.monotonic() + 120.0
-        for i in itertools.count():
-            bus.put(noise.choice(keys), noise.randbytes(noise.choice((0, 1, 10, 1000, 100_000))))
-            if i % 1000 == 0:
-                stream.wait_for_flow(0.2)
-                if time.monotonic() > end_s:
-                    break
-    assert all(process.poll() is None for process in pair.processes.values())
-    assert os.path.exists(pair.folder / "run" / "hub.snapshot")

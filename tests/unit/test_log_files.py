@@ -137,8 +137,10 @@ def test_mcaps_own_reader_sees_schemas_units_and_pictures(path: Path) -> None:
 
 def test_what_nobody_declared_is_kept_as_it_came(tmp_path: Path) -> None:
     writer = LogWriter(tmp_path / "a.mcap", "v", {"vessel": "v"}, {}, T0_NS)
-    for key, payload in [("my/json", b'{"a": [1, null]}'), ("my/bytes", b"\x00\xff"), ("helm/state", b'{"mode": "?"}')]:
+    deep = b"[" * 100_000
+    for key, payload in [("my/json", b'{"a": [1, null]}'), ("my/bytes", b"\x00\xff"), ("my/deep", deep)]:
         writer.write(RawSample(key, payload, T0_NS))
+    writer.write(RawSample("helm/state", b'{"mode": "?"}', T0_NS))
     with pytest.raises(ValueError, match="shorter"):
         writer.write(RawSample("camera/image", b"\xff\xff\xff\xff", T0_NS))
     writer.finish()
@@ -146,6 +148,7 @@ def test_what_nobody_declared_is_kept_as_it_came(tmp_path: Path) -> None:
     assert {e.key: e.message for e in recording.messages()} == {
         "my/json": {"a": [1, None]},
         "my/bytes": b"\x00\xff",
+        "my/deep": deep,
         "helm/state": {"mode": "?"},
     }
     assert recording.topics["my/json"].schema == ""

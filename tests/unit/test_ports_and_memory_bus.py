@@ -139,6 +139,9 @@ def test_gaps_in_the_sequence_are_counted_but_not_overwritten_values() -> None:
     port.offer(Wrench(seq=0, source="controller"))
     port.refresh()
     assert port.gaps == 3, "a publisher that started again is no loss"
+    port.offer(Wrench(seq=10**30, source="controller"))
+    port.refresh()
+    assert port.gaps == 3, "nor is nonsense"
 
 
 def test_a_queue_keeps_all_in_order_up_to_its_bound() -> None:

@@ -1,5 +1,8 @@
 """The hub's memory: what it keeps, what it refuses, and that it comes back from disk and from the other hub."""
 
+import itertools
+import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -98,6 +101,33 @@ def test_a_dump_that_is_cut_off_is_refused() -> None:
     kept.keep("camera/image", b"x" * 100, 1)
     with pytest.raises(ValueError, match="cut off"):
         store().merge(kept.dump()[:-1])
+
+
+def test_a_dump_is_whole_while_values_change() -> None:
+    """The other hub asks, and the snapshot is written, while messages come in."""
+    kept, over = store(), threading.Event()
+
+    def change() -> None:
+        for size in itertools.count():
+            for key in range(50):
+                kept.keep(f"a/{key}", f"<{key}>".encode() * (size % 7), size + 1)
+            if over.is_set():
+                return
+
+    changing = threading.Thread(target=change)
+    before_s = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    changing.start()
+    try:
+        for _ in range(1000):
+            other = store()
+            other.merge(kept.dump())
+            for key, entry in other.items():
+                assert (entry.payload or b"").replace(f"<{key[2:]}>".encode(), b"") == b""
+    finally:
+        over.set()
+        changing.join()
+        sys.setswitchinterval(before_s)
 
 
 def test_a_deleted_key_is_forgotten() -> None:
