@@ -17,7 +17,7 @@ from services.wrenches import WRENCH_HOLD_NS
 
 PERIOD_NS = 190_000_000
 """At most so often a pose is taken in: five times a second from a camera of 30 Hz."""
-LONGEST_NS = 300_000_000
+LONGEST_NS = 500_000_000
 """After a longer time without a pose the detector begins anew."""
 TELL_S = 1.0
 

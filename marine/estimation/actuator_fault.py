@@ -26,6 +26,7 @@ _MOST = 1.1
 _BEFORE = 0.5
 """Weight of the evidence that an actuator had failed before: errors of the model look more like that."""
 _AXES = 3
+_NU = [3, 4, 5]
 _GATE = 1e4
 """Squared Mahalanobis distance beyond which a pose is not used: a failure surprises the filter more than noise does."""
 
@@ -46,6 +47,12 @@ class FaultTuning:
     thrust_error: float = 0.07
     drag_error: float = 0.2
     inertia_error: float = 0.1
+    model_noise: float = 0.07
+    """Part of thrust and drag by which the model errs besides, in another way every `model_noise_s`: a filter that
+    trusts its model takes hard driving for failures."""
+    model_noise_s: float = 1.0
+    current_change_m_s: float = 0.02
+    """How much the current differs within `model_noise_s`: the drag of a moving vessel does then."""
     window_s: float = 10.0
     """Longest time over which a failure is looked for, in `windows` steps of its beginning."""
     windows: int = 5
@@ -107,6 +114,7 @@ class FaultDetector:
         self._model = model
         self._columns = np.array(columns, dtype=float).T
         self._inertia = np.array([axis.alpha for axis in self._axes])
+        self._columns_squared = np.square(self._columns)
         n = self._size = self._columns.shape[1]
         self.lost = np.zeros(n)
         """Part of each actuator's thrust that is known to be lost."""
@@ -191,6 +199,7 @@ class FaultDetector:
         drag = np.array([axis.drag(speed) for axis, speed in zip(self._axes, nu, strict=True)])
         X, Y, N = tau.tolist()
         F = ekf.predict(dt_s, (X, Y, N))
+        ekf.covariance[_NU, _NU] += self._model_noise(thrusts, drag, nu) * dt_s
         forces, (of_drag, of_inertia), h = self._forces, self._diagonals, 0.5 * dt_s
         forces[:, :, :n] = (self._columns * thrusts)[:, None, :]
         forces[:, :, -n:] = self._columns[:, None, :] * (thrusts - self._origin)
@@ -201,6 +210,17 @@ class FaultDetector:
         self._error = error = F.dot(self._error)
         error[:3] += np.array([(h * c, -h * s, 0.0), (h * s, h * c, 0.0), (0.0, 0.0, h)]).dot(gained)
         error[3:6] += gained
+
+    def _model_noise(self, thrusts: Array, drag: Array, nu: Sequence[float]) -> Array:
+        """Return the variance that errors of the model add to each velocity per second. nu: speeds, m/s and rad/s."""
+        t = self.tuning
+        slopes = [
+            axis.beta + 2.0 * axis.beta_quadratic * abs(speed) for axis, speed in zip(self._axes, nu, strict=True)
+        ]
+        slopes[2] = 0.0  # a current does not turn
+        of_current = np.square(slopes) * t.current_change_m_s**2
+        of_forces = (self._columns_squared.dot(np.square(thrusts)) + np.square(drag)) * t.model_noise**2
+        return np.asarray((of_forces + of_current) / np.square(self._inertia) * (2.0 * t.model_noise_s))
 
     def _update(self, ekf: PoseEkf, x_m: float, y_m: float, psi_rad: float) -> Verdict:
         x, y, psi = ekf.state[:3]
