@@ -21,6 +21,7 @@ from marine.dynamics.integrate import State
 from marine.estimation.depth import DepthFilter
 from marine.estimation.ekf import Array, EkfTuning, PoseEkf, Verdict
 from marine.estimation.smoothing import CausalVelocities
+from marine.frames import wrap_angle
 from marine.vessel import DegreeOfFreedom, Sensor, Vessel
 from services.actuator_monitor import ActuatorMonitor, can_be_monitored
 from services.wall_tracker import WallTracker
@@ -136,7 +137,7 @@ class Estimator(Service):
         self._used_ns = 0  # capture time of the last pose used
         self._seen_ns = 0  # of the last pose that came
         self._ready = False
-        self._rejected = 0
+        self._rejected = self._jumps = 0
         self._wrenches = Wrenches()
 
     def step(self, now_s: float) -> None:
@@ -257,8 +258,18 @@ class Estimator(Service):
         self._advance(ekf, self._filter_ns, stamp_ns)
         self._filter_ns = stamp_ns
         self._wrenches.forget_before(stamp_ns)
-        if ekf.update(x_m, y_m, psi_rad, noise) is Verdict.REFUSED:
+        before = ekf.state
+        verdict = ekf.update(x_m, y_m, psi_rad, noise)
+        if verdict is Verdict.REFUSED:
             return False
+        if verdict is Verdict.JUMPED:
+            self._jumps += 1
+            turned_deg = math.degrees(abs(wrap_angle(psi_rad - before[2])))
+            self.note = (
+                f"the measured pose jumped by {math.hypot(x_m - before[0], y_m - before[1]):.2f} m and "
+                f"{turned_deg:.0f} degrees: believed after {self._tuning.jump_after} poses"
+            )
+            self.log.warning(self.note)
         if not self._ready:
             self._ready = float(ekf.covariance.diagonal()[3:5].max()) < self._ready_std_m_s**2
         return True
@@ -306,6 +317,7 @@ class Estimator(Service):
                 psi_std_rad=psi_std,
                 measurement_age_s=age_s,
                 rejected=self._rejected,
+                jumps=self._jumps,
             )
         )
 
