@@ -215,6 +215,7 @@ class NavigationState(Message):
     psi_std_rad: float | None = None
     measurement_age_s: float = Field(description="time since the last measurement was captured")
     rejected: Count = Field(0, description="measurements refused by the innovation gate")
+    jumps: Count = Field(0, description="times that the measured pose jumped for good, and was believed")
 
 
 class WallState(Message):
