@@ -33,7 +33,7 @@ class AllocatorConfig(Section):
 
     failed: tuple[str, ...] = Field((), description="actuators that do not work: they get zero, the others take over")
     leave_out_detected: bool = Field(
-        False, description="treat a detected failure like that at once; false: report it, and an operator decides"
+        True, description="treat a detected failure like that at once; false: report it, and an operator decides"
     )
     leave_out_from: float = Field(0.5, gt=0, le=1, description="least part of the thrust that is lost for that")
     priority: dict[AxisName, float] = Field(
