@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 import time
+from itertools import pairwise
+from typing import Any
 
 import pytest
 
 from bus import topics
 from bus.messages import HelmState
+from marine.allocation import axis_limits
 from tests.star import Star, build_star
 
 CURRENT = {"current_x_m_s": 0.04, "current_y_m_s": 0.03, "current_std_m_s": 0.005}  # 0.05 m/s, and a little more
@@ -157,3 +160,24 @@ def test_repetition_and_json_give_the_same_bits() -> None:
     assert len(first) > 350
     assert first == again
     assert first == through_json
+
+
+def test_a_jump_of_the_measured_pose_reaches_the_vessel_as_a_slow_way_back_with_the_reason_told() -> None:
+    """The camera is knocked: four poses are refused, the fifth is believed; then it goes on as after a pause."""
+    star = holding(2.5, 1.875, 0.5)
+    states: list[Any] = star.record(topics.NAVIGATION_STATE)
+    wrenches: list[Any] = star.record(topics.HELM_WRENCH)
+    since_s = star.bus.now_s
+    star.fault("camera_shift", x_px=120.0)  # 0.75 m
+    star.bus.run_for(1.5)
+    assert max(b.x_m - a.x_m for a, b in pairwise(states)) > 0.7, "the estimate jumps, as it must"
+    assert states[-1].jumps == 1
+    steps = [abs(b.surge_n - a.surge_n) for a, b in pairwise(wrenches)]
+    assert max(steps) < 0.2 * axis_limits(star.vessel)[0], "the thrusters do not"
+    note = star.bus.last(topics.HEARTBEAT.of(name="estimator"))
+    assert note is not None
+    assert "jumped by 0.75 m and 0 degrees: believed after 5 poses" in note.note
+    star.bus.run_for(30.0)
+    after = [t for t in star.truth if t.stamp_ns * 1e-9 > since_s]
+    assert max(math.hypot(t.surge_m_s, t.sway_m_s) for t in after) < 0.2
+    assert star.truth[-1].x_m == pytest.approx(1.75, abs=0.02), "where the camera sees 2.5 m"
