@@ -115,6 +115,7 @@ class FakeVessel(Service):
         self.faults: list[m.SimulationFault] = []
         self.failed: dict[str, Literal["configuration", "operator", "detected"]] = {}
         self.circles = True
+        self.jumps = self.rejected = 0
         self._noise = np.random.default_rng(1)
         self._water = self._noise.normal(0.0, 6.0, (600, 800, 3))
 
@@ -186,6 +187,8 @@ class FakeVessel(Service):
                 disturbance_y_n=-0.02,
                 disturbance_yaw_nm=0.0004,
                 measurement_age_s=0.004,
+                rejected=self.rejected,
+                jumps=self.jumps,
             )
         )
         commands = {t.name: round(15 * math.sin(self.psi + i), 0) for i, t in enumerate(VESSEL.thrusters)}

@@ -418,6 +418,26 @@ def test_odd_values_on_the_bus_do_not_break_the_page(page: Page, star: FakeStar)
     assert errors == []
 
 
+def test_bad_measurements_are_told_with_their_reason(page: Page, star: FakeStar) -> None:
+    """A pose too far away, a pose that jumped for good, and what is no number: issue 7, bad input."""
+    camera, banner = page.locator("#lamp-camera"), page.locator("#banner")
+    expect(camera).to_contain_text("tracking")
+    star.vessel.rejected = 4
+    expect(camera).to_have_text("Camera pose refused")
+    star.vessel.jumps = 1
+    expect(banner).to_contain_text("The measured pose jumped")
+    note = "the measured pose jumped by 0.75 m and 0 degrees: believed after 5 poses"
+    beat = m.Heartbeat(state="running", pid=1, rate_hz=25, late_steps=0, step_mean_ms=0, step_max_ms=0, note=note)
+    star.publish(topics.HEARTBEAT.of("estimator"), beat)
+    expect(banner).to_contain_text("by 0.75 m and 0 degrees: believed after 5 poses. The vessel goes back slowly.")
+    page.click("[data-tab=health]")
+    nan = b'{"stamp_ns":1,"seq":1,"source":"x","client":"x","surge":NaN}'
+    star.do(lambda bus: star.vessel.joystick.offer(RawSample(topics.OPERATOR_JOYSTICK.key, nan, 0)))
+    row = page.locator('#health [data-service="simulator"]')
+    expect(row).to_have_attribute("data-level", "warn")
+    expect(row).to_contain_text("operator/joystick: dropped a malformed message")
+
+
 @pytest.mark.parametrize("size", [DESK, TABLET, PHONE], ids=["desk", "tablet", "phone"])
 def test_the_layout_fits_and_stop_is_in_reach(star: FakeStar, browser: Browser, size: ViewportSize) -> None:
     with browser.new_context(viewport=size, has_touch=size is not DESK) as context:

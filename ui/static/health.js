@@ -4,6 +4,8 @@ import { age, bytes, fixed, h, rate, text } from "./format.js";
 import { toast } from "./toasts.js";
 
 const DEAD_S = 2.5;
+const JUMPED_MS = 15000;
+const REFUSED_MS = 3000;
 const beat = (name) => `service/${name}/heartbeat`;
 
 export class Health {
@@ -16,6 +18,17 @@ export class Health {
       ...system.actuators.map((name) => this.actuatorRow(name)));
     this.element.append(this.actuators, this.table, this.devices);
     this.rows = new Map();
+    this.measured = { jumps: NaN, rejected: NaN, jumpedAt: -Infinity, rejectedAt: -Infinity };
+  }
+
+  /** When the measured pose last jumped for good, and when one was last refused: the counts of navigation/state. */
+  watchPose() {
+    const state = this.store.get("navigation/state");
+    if (!state) return;
+    for (const [count, at] of [["jumps", "jumpedAt"], ["rejected", "rejectedAt"]]) {
+      if (state[count] > this.measured[count]) this.measured[at] = performance.now();
+      this.measured[count] = state[count];
+    }
   }
 
   names() {
@@ -34,6 +47,7 @@ export class Health {
   }
 
   tick() {
+    this.watchPose();
     this.showLamps();
     if (!this.element.checkVisibility()) return;
     for (const name of this.names()) this.showService(name, this.rows.get(name) ?? this.addRow(name));
@@ -131,7 +145,9 @@ export class Health {
     const link = this.store.fresh("link/status", DEAD_S);
     lamp("lamp-link", !link ? "off" : link.state === "connected" ? "ok" : "error", link?.state === "connected" ? `Link ${age(link.round_trip_s ?? NaN)}` : "Link down");
     const camera = this.store.fresh("camera/status", DEAD_S);
-    lamp("lamp-camera", !camera ? "off" : { tracking: "ok", searching: "warn", no_camera: "error" }[camera.state], camera ? `Camera ${camera.state.replace("_", " ")}` : "Camera silent");
+    const refused = camera?.state === "tracking" && performance.now() - this.measured.rejectedAt < REFUSED_MS;
+    const seen = refused ? "pose refused" : camera?.state.replace("_", " ");
+    lamp("lamp-camera", !camera ? "off" : refused ? "warn" : { tracking: "ok", searching: "warn", no_camera: "error" }[camera.state], camera ? `Camera ${seen}` : "Camera silent");
     const recorder = this.store.fresh("recorder/status", DEAD_S);
     lamp("recording", !recorder ? "off" : { recording: "rec", idle: "warn", error: "error" }[recorder.state], recorder?.state === "recording" ? `REC ${bytes(recorder.size_bytes)}` : recorder ? `Recorder ${recorder.state}` : "Not recording");
     const levels = this.names().map((name) => this.judge(name).level);
@@ -156,6 +172,10 @@ export class Health {
     else if (helm.suspended) alarms.push(["error", "Suspended", ` ${helm.reason || "the thrusters are at zero"}`]);
     if (!state) alarms.push(["warn", "No position", " The estimator is silent."]);
     else if (state.status === "lost") alarms.push(["warn", "Position lost", " The camera does not see the vessel."]);
+    if (now - this.measured.jumpedAt < JUMPED_MS) {
+      const told = /^the measured pose jumped (.*)$/.exec(this.store.get(beat("estimator"))?.note ?? "")?.[1];
+      alarms.push(["warn", "The measured pose jumped", ` ${told ?? ""}. The vessel goes back slowly.`]);
+    }
     const health = this.store.fresh("actuator/health", DEAD_S);
     const detected = Object.keys(health?.lost ?? {}).find((name) => !(name in health.failed));
     const leaveOut = detected && { label: `Leave ${detected} out`, run: () => this.say(detected, false) };
