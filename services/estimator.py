@@ -5,8 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections import deque
-from dataclasses import replace
-from typing import Any, Literal, Self
+from typing import Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -14,7 +13,7 @@ from pydantic import Field, model_validator
 from bus import topics
 from bus.clock import NS
 from bus.config import Section
-from bus.messages import CameraPose, ControlGains, NavigationState, SensorCompass, SensorPosition
+from bus.messages import CameraPose, NavigationState, SensorCompass, SensorPosition
 from bus.service import FUTURE_TOLERANCE_S, Input, Output, Service
 from marine.allocation import axis_limits
 from marine.dynamics.integrate import State
@@ -22,8 +21,9 @@ from marine.estimation.depth import DepthFilter
 from marine.estimation.ekf import Array, EkfTuning, PoseEkf, Verdict
 from marine.estimation.smoothing import CausalVelocities
 from marine.frames import wrap_angle
-from marine.vessel import DegreeOfFreedom, Sensor, Vessel
+from marine.vessel import Sensor, Vessel
 from services.actuator_monitor import ActuatorMonitor, can_be_monitored
+from services.models_in_force import vessel_in_force
 from services.wall_tracker import WallTracker
 from services.wrenches import Wrenches
 
@@ -93,7 +93,7 @@ class Estimator(Service):
 
     def __init__(self, config: EstimatorConfig, vessel: Vessel) -> None:
         self._config = config
-        self._vessel, self._model = vessel, vessel.model
+        self._vessel = vessel
         self._pool = vessel.pool
         receiver, compass = vessel.sensor("position"), vessel.sensor("compass")
         position_m = config.position_noise_px / vessel.camera.scale_px_per_m
@@ -143,8 +143,8 @@ class Estimator(Service):
     def step(self, now_s: float) -> None:
         """Take in what came, publish the state at now."""
         now_ns = round(now_s * NS)
-        if self.gains.updated and self.gains.latest:
-            self._take_models(self.gains.latest)
+        if (vessel := vessel_in_force(self._vessel, self.gains)) is not self._vessel:
+            self._take_models(vessel)
         for wrench in self.delivered.take():
             surge, sway, heave, _, _, yaw = wrench.vector()
             self._depth.heave_n = heave
@@ -170,18 +170,14 @@ class Estimator(Service):
         if self._monitor is not None:
             self._tell_faults(self._monitor, now_s)
 
-    def _take_models(self, told: ControlGains) -> None:
+    def _take_models(self, vessel: Vessel) -> None:
         """Go on with the models for which the law in force is designed: identified ones may be among them."""
-        models: dict[str, Any] = {axis: DegreeOfFreedom(**m.model_dump()) for axis, m in told.tuning.models.items()}
-        model = replace(self._vessel.model, **models)
-        if model == self._model:
-            return
-        self._model = model
+        self._vessel = vessel
         if self._ekf is not None:
-            self._ekf.exchange(model)
-        self._wall.exchange(model)
+            self._ekf.exchange(vessel.model)
+        self._wall.exchange(vessel.model)
         if self._monitor is not None:
-            self._monitor = ActuatorMonitor(replace(self._vessel, model=model))
+            self._monitor = ActuatorMonitor(vessel)
 
     def _tell_faults(self, monitor: ActuatorMonitor, now_s: float) -> None:
         for command in self.command.take():
@@ -251,7 +247,7 @@ class Estimator(Service):
 
     def _filter(self, stamp_ns: int, x_m: float, y_m: float, psi_rad: float, noise: Array | None) -> bool:
         if self._ekf is None:
-            self._ekf = PoseEkf(self._model, self._tuning, x_m, y_m, psi_rad)
+            self._ekf = PoseEkf(self._vessel.model, self._tuning, x_m, y_m, psi_rad)
             self._filter_ns = stamp_ns
             return True
         ekf = self._ekf

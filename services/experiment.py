@@ -39,6 +39,7 @@ from marine.identification.result import IdentificationError, Identified
 from marine.vessel import DegreeOfFreedom, Vessel
 from services.experiment_run import Run, Watch, as_parameters, period_of, room, room_before, running_estimate, sensor_of
 from services.identified_vessel import IdentifiedVesselError, write_models, write_vessel
+from services.models_in_force import vessel_in_force
 
 STATUS_PERIOD_S = 0.2
 ESTIMATE_PERIOD_S = 1.0
@@ -108,6 +109,7 @@ class Experiments(Service):
         """Begin, push, end."""
         helm = self.helm.fresh(now_s)
         state = self.navigation.fresh(now_s)
+        self._vessel = vessel_in_force(self._vessel, self.gains)
         if self.link.latest is not None and self.link.latest.round_trip_s is not None:
             self._round_trip_s = min(self._round_trip_s, self.link.latest.round_trip_s)
         if self._run is not None and self._status.state == "identifying":

@@ -36,6 +36,7 @@ from services.helm_modes import (
     Refused,
     Source,
 )
+from services.models_in_force import vessel_in_force
 
 STATE_PERIOD_S = 0.2
 RESTORE_S = 1.0
@@ -87,6 +88,7 @@ class Helm(Service):
     navigation = Input(topics.NAVIGATION_STATE, max_age_s=0.25)
     wall = Input(topics.NAVIGATION_WALL, max_age_s=0.5)
     actuators = Input(topics.ACTUATOR_HEALTH)
+    gains = Input(topics.CONTROL_GAINS, changed_only=True)
     former = Input(topics.HELM_STATE)
     wrench = Output(topics.HELM_WRENCH)
     state = Output(topics.HELM_STATE)
@@ -94,10 +96,8 @@ class Helm(Service):
 
     def __init__(self, config: HelmConfig, vessel: Vessel) -> None:
         self.config = config
-        self.vessel = vessel
         self._limits = axis_limits(vessel)
-        self._checks = Checks(vessel)
-        self._guard = PoolGuard(vessel) if config.guard else None
+        self._take_vessel(vessel)
         self._guarded, self._guarded_s = "", -math.inf
         self._mode: Mode = "stop"
         self._fault = False
@@ -113,12 +113,19 @@ class Helm(Service):
         self._told_s = 0.0
         self._told: tuple[object, ...] = ()
 
+    def _take_vessel(self, vessel: Vessel) -> None:
+        """Check and guard by the models of this vessel."""
+        self.vessel, self._checks = vessel, Checks(vessel)
+        self._guard = PoolGuard(vessel) if self.config.guard else None
+
     def start(self, now_s: float) -> None:
         """Remember when: the former state may come from the hub within RESTORE_S."""
         self._started_s = now_s
 
     def step(self, now_s: float) -> None:
         """Restore once, answer requests, watch the lease, publish the wrench."""
+        if (vessel := vessel_in_force(self.vessel, self.gains)) is not self.vessel:
+            self._take_vessel(vessel)
         self._restore(now_s)
         for request in self.requests.take():
             self._answer(request, now_s)

@@ -19,7 +19,8 @@ from marine.control.stability import drag_bound, margins
 from marine.control.structures import LoopDesign
 from marine.guidance.abilities import Abilities
 from marine.guidance.reference_filter import MotionLimits, ReferenceFilter
-from marine.vessel import Axis, DegreeOfFreedom, Sensor, Vessel
+from marine.vessel import Axis, Sensor, Vessel
+from services.models_in_force import with_models
 
 AXES: tuple[TunedAxis, ...] = ("surge", "sway", "yaw")
 STEPS: dict[TunedAxis, float] = {"surge": 1.0, "sway": 1.0, "yaw": math.pi / 2.0}
@@ -84,7 +85,7 @@ def designed(tuning: Tuning, vessel: Vessel, limits: Vector3, *, trusted: bool =
     if tuning.law not in known:
         raise TuningError(f"no law is called {tuning.law!r}; known: {', '.join(known)}")
     kind = known_laws()[tuning.law]
-    tuned = with_models(vessel, tuning.models)
+    tuned = checked_models(vessel, tuning.models)
     try:
         law = kind.for_vessel(parameters_of(kind, tuning.parameters), tuned, limits)
     except ValueError as error:
@@ -95,13 +96,12 @@ def designed(tuning: Tuning, vessel: Vessel, limits: Vector3, *, trusted: bool =
     return tuned, law
 
 
-def with_models(vessel: Vessel, models: Mapping[TunedAxis, AxisModel]) -> Vessel:
+def checked_models(vessel: Vessel, models: Mapping[TunedAxis, AxisModel]) -> Vessel:
     """Return a vessel with other models of some axes; raise TuningError for what no vessel has."""
     for axis, model in models.items():
         if model.alpha <= 0.0 or model.beta < 0.0 or model.beta_quadratic < 0.0:
             raise TuningError(f"{axis}: inertia must be positive and drag not negative")
-    changed: dict[str, Any] = {axis: DegreeOfFreedom(**model.model_dump()) for axis, model in models.items()}
-    return replace(vessel, model=replace(vessel.model, **changed))
+    return with_models(vessel, models)
 
 
 def complete(tuning: Tuning, tuned: Vessel) -> Tuning:
@@ -192,7 +192,7 @@ def preview(
     for. Raises TuningError when it would be refused.
     """
     tuned, law = designed(tuning, vessel, limits)
-    true = tuned.model if on is None else with_models(vessel, on).model
+    true = tuned.model if on is None else checked_models(vessel, on).model
     camera = vessel.sensor("camera")
     dt_s = camera.sample_time_s if camera else 0.1
     longest_s = DURATION / vessel.hold_w0_rad_s
