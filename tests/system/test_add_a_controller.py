@@ -18,6 +18,10 @@ from pathlib import Path
 from services.cli.tune import tune
 from services.controller import ControllerConfig
 from services.generate import law_table
+from services.tuning import horizontal_limits, preview
+from services.vessels import load_vessel
+from bus.messages import Tuning
+from ui.server import system_document
 from tests.star import build_star
 import pytest
 
@@ -30,6 +34,10 @@ except ConfigError as error:
     print(error)
 tune(show_list=True)
 print(law_table())
+vessel = load_vessel("pladypos")
+print("MENU", *(law["name"] for law in system_document(vessel)["laws"]))
+found = preview(Tuning(law="spring", parameters={"period_s": 6.0}), vessel, horizontal_limits(vessel), None)
+print("PREVIEW", *(found[axis]["step"]["settling_s"] for axis in found))
 star = build_star(controller=section, simulator={"current_x_m_s": 0.05, "current_std_m_s": 0.0})
 star.hold(2.0, 1.5, 0.5)
 star.bus.run_for(25.0)
@@ -63,6 +71,10 @@ def test_the_law_of_the_page_is_everywhere_it_says(tmp_path: Path) -> None:
     assert (
         "| `spring` | A critically damped spring from the vessel to the reference. | `period_s` = `8.0`" in done.stdout
     )
+    assert "MENU ipd lqr p_d spring" in done.stdout, "the page's menu"
+    preview = re.search(r"PREVIEW (\S+) (\S+) (\S+)", done.stdout)
+    assert preview is not None, "what the page shows before it is engaged"
+    assert all(2.0 < float(seconds) < 10.0 for seconds in preview.groups())
     rms = re.search(r"RMS_M (\S+) (\S+)", done.stdout)
     assert rms is not None
     assert float(rms[1]) < 3e-3
