@@ -18,6 +18,8 @@ MAX_VALUE_BYTES = 2_000_000
 MAX_TOTAL_BYTES = 64_000_000
 MAX_SOURCES = 500
 OTHERS = "(others)"
+QUIET_NS = 3 * NS
+"""A key that was silent for so long will not soon be published again."""
 
 _SOURCE = re.compile(rb'"source"\s*:\s*"([^"\\]{0,64})"')
 _HEADER_BYTES = 300
@@ -67,6 +69,8 @@ class Store:
     def __init__(self, latched: Callable[[str], bool]) -> None:
         self.refused = 0
         """Messages not kept: too many keys, too many bytes, a wildcard as key, or none ("") that could be trusted."""
+        self.news = False
+        """Whether something came on a key that was new, or quiet: for whoever resets it."""
         self.total = Counter()
         self.entries: dict[str, Entry] = {}
         self.sources: dict[str, Counter] = {}
@@ -88,6 +92,7 @@ class Store:
                 self.refused += 1
                 return
             entry.traffic.add(size)
+            self.news |= entry.latched and now_ns - entry.received_ns > QUIET_NS
             entry.received_ns, entry.source = now_ns, source
             self._changed = True
             if entry.latched:

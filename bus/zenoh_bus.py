@@ -46,6 +46,9 @@ _DUMP = "@hub/store"
 """Where a hub gives its values to the other one; no wildcard fits a chunk with an @."""
 _SINCE = "since_ns"
 
+_NEWS = "@hub/news"
+"""Where a hub tells the other one at once what came on a key that was new or quiet."""
+
 _TIME = "@hub/time"
 """Where the hub tells the time, and how fast it runs."""
 _TIME_ASKED = 4
@@ -376,6 +379,7 @@ class HubBus(ZenohBus):
         self.hear(everything=True)
         self._kept += [
             session.declare_queryable(self._key(_DUMP), self._dump),
+            session.declare_subscriber(self._key(_NEWS), lambda sample: self._learn(sample.payload)),
             session.declare_queryable(self._key(_TIME), self._tell_time, complete=True),
         ]
         self._answers = session.declare_queryable(self._key("**"), self._answer)
@@ -473,6 +477,14 @@ class HubBus(ZenohBus):
                     self._store.keep(key, payload, now_ns)
                 else:
                     self._store.forget(key)
+            if self._store.news:
+                self._store.news = False
+                self.session.put(
+                    self._key(_NEWS),
+                    self._store.dump(now_ns),
+                    congestion_control=zenoh.CongestionControl.BLOCK,
+                    allowed_destination=zenoh.Locality.REMOTE,
+                )
 
     def _answer(self, query: zenoh.Query) -> None:
         self.fill_store()
@@ -493,13 +505,16 @@ class HubBus(ZenohBus):
     def _merge(self, reply: zenoh.Reply) -> None:
         if reply.ok is None:
             return
-        try:
-            self._store.merge(reply.ok.payload.to_bytes())
-        except ValueError as error:
-            log.warning("the other hub's values cannot be read: %s", error)
+        self._learn(reply.ok.payload)
         if self._heard is None:
             self._pulled_to_ns = self._store.newest_ns
         self.pulled = True
+
+    def _learn(self, dumped: zenoh.ZBytes) -> None:
+        try:
+            self._store.merge(dumped.to_bytes())
+        except ValueError as error:
+            log.warning("the other hub's values cannot be read: %s", error)
 
 
 def _about(key: str, entry: Entry) -> bytes:

@@ -17,10 +17,12 @@ from benchmarks.hub_pair import HubPair, Stream, kill_trials
 from benchmarks.result import percentile
 from benchmarks.running_star import free_port, wait_for
 from bus import topics
+from bus.hub import is_latched
 from bus.messages import HubStatistics, LinkStatus, Wrench
 from bus.service import Input, Service
+from bus.store import Store
 from bus.topics import CONTROL_WRENCH, HUB_STATISTICS, LINK_STATUS
-from bus.zenoh_bus import HubUnreachableError, LastValue, ZenohBus
+from bus.zenoh_bus import HubBus, HubUnreachableError, LastValue, ZenohBus
 from tests.unit.test_inputs import Reader
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(60)]
@@ -110,6 +112,32 @@ def test_last_values_outlive_every_hub_in_turn(pair: HubPair) -> None:
             return told is not None and told.linked and told.stamp_ns > since_ns
 
         wait_for(linked, 8.0, f"{name} is back beside the other hub")
+
+
+def test_an_idle_standby_is_told_at_once_what_nobody_may_say_again() -> None:
+    address, standbys = (f"tcp/127.0.0.1:{free_port()}" for _ in range(2))
+    stores = [Store(is_latched) for _ in range(2)]
+    with contextlib.ExitStack() as ended:
+        hub = HubBus.listen("pladypos", (address,), stores[0])
+        ended.callback(hub.close)
+        standby = HubBus.listen("pladypos", (standbys,), stores[1], link=(address,))
+        ended.callback(standby.close)
+
+        def idle() -> bool:
+            standby.pull_store()
+            return standby.idle
+
+        wait_for(idle, 5.0, "the standby has the hub's values")
+        standby.hear(everything=False)
+        client = ZenohBus.connect("pladypos", (address,), 5.0)
+        ended.callback(client.close)
+        client.put("guest/once", b"{}")
+
+        def told() -> bool:
+            hub.fill_store()
+            return "guest/once" in dict(stores[1].items())
+
+        wait_for(told, 5.0, "the standby knows, though it has not asked")
 
 
 def test_a_single_hub_comes_back_with_what_it_knew_a_second_ago() -> None:
