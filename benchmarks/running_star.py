@@ -159,9 +159,11 @@ class RunningStar:
         self._latest[sample.key] = sample
 
     def last(self, topic: Topic[M]) -> M | None:
-        """Return the newest message of a topic that this client heard."""
+        """Return the newest message of a topic that this client heard; None before the first, or if it is malformed."""
         sample = self._latest.get(topic.key)
-        return None if sample is None else topic.message.decode(sample.payload)
+        with contextlib.suppress(ValueError):
+            return None if sample is None else topic.message.decode(sample.payload)
+        return None
 
     def wait(self, topic: Topic[M], condition: Callable[[M], bool], timeout_s: float, what: str) -> M:
         """Wait until the newest message of a topic meets a condition, and return it."""

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import zenoh
+from pydantic import ValidationError
 
 from bus.clock import CLOCK, StarClock, Warp
 from bus.config import ConfigError
@@ -259,8 +260,16 @@ class ZenohBus:
         self.session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK, attachment=key)
 
     def subscribe(self, pattern: str, callback: Callable[[RawSample], None]) -> None:
-        """Call back, from another thread, with everything that fits a pattern: for tools."""
-        self._kept.append(self.session.declare_subscriber(self._key(pattern), self._raw_handler(callback)))
+        """Call back, from another thread, with everything that fits a pattern: for tools.
+
+        A message that the callback cannot decode is dropped: what others send must not end a tool.
+        """
+
+        def hear(sample: RawSample) -> None:
+            with contextlib.suppress(ValidationError):
+                callback(sample)
+
+        self._kept.append(self.session.declare_subscriber(self._key(pattern), self._raw_handler(hear)))
 
     def last_values(self, pattern: str = "**", timeout_s: float = 1.0) -> list[LastValue]:
         """Return what the hub knows of the keys that fit a pattern; empty when there is none."""

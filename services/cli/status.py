@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from bus.clock import CLOCK
+from bus.topics import HUB_STATISTICS, find
 from services.cli.system import client, service_states
+
+if TYPE_CHECKING:
+    from bus.zenoh_bus import LastValue
 
 HEARTBEAT_STALE_S = 3.0
 
@@ -27,12 +31,13 @@ def status(
         n: {"name": n, "state": "running", "restarts": 0} for n in names
     }
     services = [_service(s, beats.get(n), now_ns) for n, s in known.items()]
+    carried = _carried(next((_fields(v) for v in values if v.key == HUB_STATISTICS.key), {}))
     topics = [{"key": v.key, "age_s": round((now_ns - v.received_ns) * 1e-9, 3), "rate_hz": v.rate_hz} for v in values]
     if as_json:
-        about = {"warp": _warp(services), "clock": _comparable(services)}
+        about = {"warp": _warp(services), "clock": _comparable(services), "hub": carried}
         print(json.dumps({"services": services, "topics": topics} | about))
     else:
-        _print(services, topics)
+        _print(services, topics, carried)
 
 
 def _warp(services: list[dict[str, Any]]) -> dict[str, Any]:
@@ -42,6 +47,20 @@ def _warp(services: list[dict[str, Any]]) -> dict[str, Any]:
     if slowest is None:
         return {"factor": 1.0, "reached": None, "slowest": ""}
     return {"factor": slowest["warp"], "reached": slowest["warp_reached"], "slowest": slowest["name"]}
+
+
+def _fields(value: LastValue) -> dict[str, Any]:
+    """Return the fields of a last value; none where anything else was put on its key."""
+    topic = find(value.key)
+    try:
+        return topic.message.decode(value.payload).model_dump() if topic and value.payload else {}
+    except ValueError:
+        return {}
+
+
+def _carried(statistics: dict[str, Any]) -> dict[str, Any]:
+    """Return what the hub carries and what it refused to keep, of its statistics."""
+    return {name: statistics.get(name) for name in ("clients", "linked", "keys", "messages_hz", "bytes_s", "refused")}
 
 
 def _comparable(services: list[dict[str, Any]]) -> dict[str, Any]:
@@ -56,7 +75,7 @@ def _comparable(services: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _service(known: dict[str, Any], beat: Any, now_ns: int) -> dict[str, Any]:
-    heartbeat = json.loads(beat.payload) if beat else {}
+    heartbeat = _fields(beat) if beat else {}
     state = known["state"]
     if state == "running" and beat and (now_ns - beat.received_ns) * 1e-9 > HEARTBEAT_STALE_S:
         state = "hung"
@@ -87,7 +106,7 @@ def _clock(service: dict[str, Any]) -> str:
     return "" if uncertainty_ms is None else f"{offset_ms:+.1f} ± {uncertainty_ms:.1f}".replace("+0.0", "0")
 
 
-def _print(services: list[dict[str, Any]], topics: list[dict[str, Any]]) -> None:
+def _print(services: list[dict[str, Any]], topics: list[dict[str, Any]], hub: dict[str, Any]) -> None:
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -105,6 +124,11 @@ def _print(services: list[dict[str, Any]], topics: list[dict[str, Any]]) -> None
     for s in services:
         if s["note"]:
             console.print(f"{s['name']}: {s['note']}", highlight=False, markup=False)
+    if hub["clients"] is not None:
+        print(
+            f"hub: {hub['clients']} clients, {'with' if hub['linked'] else 'without'} standby, {hub['keys']} keys, "
+            f"{hub['messages_hz']:.0f} messages/s, {hub['bytes_s'] / 1000:.0f} kB/s, {hub['refused']} not kept"
+        )
     warp, clock = _warp(services), _comparable(services)
     if warp["factor"] != 1.0:
         console.print(f"time runs {warp['factor']:g} times as fast; {warp['reached']:.2f} reached ({warp['slowest']})")

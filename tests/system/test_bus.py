@@ -382,6 +382,20 @@ def test_a_message_that_comes_under_anothers_key_is_taken_by_nobody(pair: HubPai
     assert not heard
 
 
+def test_a_tool_that_decodes_outlives_what_is_malformed(pair: HubPair, capfd: pytest.CaptureFixture[str]) -> None:
+    sender, tool = pair.client(), pair.client()
+    heard: list[Wrench] = []
+    tool.subscribe("control/wrench", lambda sample: heard.append(Wrench.decode(sample.payload)))
+
+    def heard_the_good_one() -> bool:
+        sender.put("control/wrench", b"nonsense")
+        sender.publish(CONTROL_WRENCH, Wrench(surge_n=1.0))
+        return bool(heard)
+
+    wait_for(heard_the_good_one, 5.0, "the good one")
+    assert "Traceback" not in capfd.readouterr().err
+
+
 def test_ten_thousand_keys_are_the_limit_and_the_rest_goes_on() -> None:
     with HubPair(standby=False) as pair:
         bus = pair.client()

@@ -11,12 +11,13 @@ import pytest
 from bus.clock import NS
 from bus.hub import HubConfig
 from bus.service import RawSample
+from bus.zenoh_bus import LastValue
 from logs.writer import LogWriter
 from services.catalog import load_settings
 from services.cli import watch
 from services.cli.errors import CliError
 from services.cli.play import play
-from services.cli.status import _comparable
+from services.cli.status import _comparable, _service
 from services.cli.system import client
 from services.cli.up import check_ports
 from services.cli.variables import poke
@@ -73,6 +74,13 @@ def test_a_watch_that_hears_nothing_says_so_once(
     with pytest.raises(StopIteration):
         watch._print_lines(deque(), False, 0.0, 0)
     assert capsys.readouterr().err.count("nothing has come yet") == 1
+
+
+@pytest.mark.parametrize("payload", [b"", b"[]", b"7", b"\xff", b'{"rate_hz": "x"}', b"[" * 100_000, None])
+def test_status_of_a_service_whose_heartbeat_is_nonsense(payload: bytes | None) -> None:
+    beat = LastValue("service/helm/heartbeat", payload, 10**9, 1, 1.0, "helm")
+    shown = _service({"name": "helm", "state": "running", "restarts": 0}, beat, 10**9)
+    assert (shown["state"], shown["rate_hz"], shown["clock_uncertainty_ms"]) == ("running", 0.0, None)
 
 
 def test_stamps_are_comparable_to_what_the_two_worst_clocks_allow() -> None:
