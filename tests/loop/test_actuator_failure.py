@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import math
 import random
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from bus import topics
 from bus.messages import ActuatorFault, ActuatorHealth, OperatorActuator, OperatorJoystick
+from marine.vessel import QuadraticThrust, Thruster, Vessel
+from services.vessels import load_vessel
 from tests.star import Star, build_star
 
 PLACE = (2.5, 1.875, 0.5)
@@ -17,8 +19,6 @@ CURRENT = {"current_x_m_s": 0.04, "current_y_m_s": 0.03, "current_std_m_s": 0.0}
 VARYING = {**CURRENT, "current_std_m_s": 0.02, "current_correlation_s": 10.0}
 THRUSTERS = ("front_port", "rear_starboard")
 DETECTED_WITHIN_S = 10.0
-LIMIT_M = 1.5e-3
-"""RMS of holding in a constant current of 0.05 m/s that issue 7 allows a sound vessel."""
 SETTLED_S = 15.0
 WATCH_S = 12.0
 
@@ -52,7 +52,7 @@ def fault(star: Star) -> ActuatorFault:
 
 @pytest.mark.parametrize("name", THRUSTERS)
 def test_a_dead_thruster_is_found_within_10_s_and_left_out_holding_is_as_good_as_before(name: str) -> None:
-    star = holding(allocator={"leave_out_detected": True})
+    star = holding()
     sound = error(star)
     star.fault("thruster_dead", thruster=name)
     star.bus.run_until(lambda: bool(fault(star).lost), DETECTED_WITHIN_S)
@@ -64,8 +64,8 @@ def test_a_dead_thruster_is_found_within_10_s_and_left_out_holding_is_as_good_as
     assert error(star) <= 2.0 * sound
 
 
-def test_by_default_a_detected_failure_is_told_and_an_operator_decides() -> None:
-    star = holding()
+def test_where_an_operator_decides_a_detected_failure_is_only_told() -> None:
+    star = holding(allocator={"leave_out_detected": False})
     star.fault("thruster_dead", thruster="front_port")
     star.bus.run_until(lambda: bool(fault(star).lost), DETECTED_WITHIN_S)
     star.bus.run_for(2.0)
@@ -87,11 +87,13 @@ def test_a_weak_or_stuck_thruster_is_found_when_it_is_used(kind: str, fraction: 
     assert fault(star).lost["rear_port"] > 0.5
 
 
-def test_undetected_it_holds_within_five_times_the_limit_for_a_sound_vessel() -> None:
+def test_undetected_it_comes_to_rest_and_holds_within_five_times_the_error_of_a_sound_vessel() -> None:
     star = holding(estimator={"fault_detection": False})
-    star.fault("thruster_dead", thruster="front_port")
     star.bus.run_for(SETTLED_S)
-    assert error(star) <= 5.0 * LIMIT_M
+    sound = error(star)
+    star.fault("thruster_dead", thruster="front_port")
+    star.bus.run_for(35.0)
+    assert error(star) <= 5.0 * sound
     assert health(star).failed == {}
 
 
@@ -119,7 +121,7 @@ def test_what_an_operator_marks_is_left_out_even_after_a_restart_until_it_works_
 
 
 def test_a_second_failure_is_reported_and_not_left_out() -> None:
-    star = holding(allocator={"failed": ("rear_starboard",), "leave_out_detected": True})
+    star = holding(allocator={"failed": ("rear_starboard",)})
     star.fault("thruster_dead", thruster="front_port")
     star.bus.run_until(lambda: bool(fault(star).lost), 20.0)
     star.bus.run_for(0.1)
@@ -138,20 +140,40 @@ def test_an_operators_word_ends_a_detection() -> None:
     assert error(star) < 1e-3
 
 
-@pytest.mark.parametrize("minutes", [2, pytest.param(60, marks=[pytest.mark.soak, pytest.mark.timeout(900)])])
-def test_no_false_alarm_while_holding_stepping_and_driving_by_hand(minutes: int) -> None:
-    star = holding(simulator=VARYING)
+def wrong(vessel: Vessel) -> dict[str, Any]:
+    """Return what is different in a vessel whose file is 10 % wrong in inertia and drag, and 5 % in each thrust."""
+    model, actuators = vessel.model, []
+    for part, actuator in zip((0.95, 1.05, 1.05, 1.05), vessel.actuators, strict=True):
+        assert isinstance(actuator, Thruster)
+        actuators.append(replace(actuator, characteristic=QuadraticThrust(part * actuator.k_t)))
+    axes: dict[str, Any] = {
+        name: replace(axis, alpha=1.1 * axis.alpha, beta_quadratic=0.9 * axis.beta_quadratic)
+        for name, axis in (("surge", model.surge), ("sway", model.sway), ("yaw", model.yaw))
+    }
+    return {"actuators": tuple(actuators), "dynamics": replace(model, **axes)}
+
+
+@pytest.mark.parametrize("minutes", [1, pytest.param(60, marks=[pytest.mark.soak, pytest.mark.timeout(900)])])
+def test_no_false_alarm_in_hard_driving_with_a_model_that_is_wrong(minutes: int) -> None:
+    strong = {**VARYING, "current_x_m_s": 0.06, "current_y_m_s": 0.05}
+    star = build_star(simulator=strong, unknown=wrong(load_vessel("pladypos")))
+    star.hold(*PLACE)
     found: list[ActuatorFault] = []
     star.bus.tap(topics.ACTUATOR_FAULT, lambda message: found.append(message) if message.lost else None)
-    chance, end_s = random.Random(3), star.bus.now_s + 60.0 * minutes
+    chance, end_s = random.Random(1), star.bus.now_s + 60.0 * minutes
     while star.bus.now_s < end_s:
-        star.hold(chance.uniform(1.0, 4.0), chance.uniform(1.0, 2.75), chance.uniform(-math.pi, math.pi))
-        star.bus.run_for(20.0)
+        for _ in range(3):
+            state, speed_m_s = star.bus.last(topics.NAVIGATION_STATE), chance.uniform(0.2, 0.35)
+            assert state is not None
+            there = {"x_m": chance.uniform(0.8, 4.2), "y_m": chance.uniform(0.8, 2.95)}
+            line = [{"x_m": state.x_m, "y_m": state.y_m}, there]
+            assert star.request("line", points=line, speed_m_s=speed_m_s).accepted
+            star.bus.run_for(8.0)
         assert star.request("manual").accepted
-        stick = {axis: chance.uniform(-0.5, 0.5) for axis in ("surge", "sway", "yaw")}
+        stick = {axis: chance.uniform(-1.0, 1.0) for axis in ("surge", "sway", "yaw")}
         for _ in range(15):
             star.bus.publish(topics.OPERATOR_JOYSTICK, OperatorJoystick(client="test", **stick))
             star.bus.run_for(0.2)
         star.hold(*PLACE)
-        star.bus.run_for(10.0 if minutes < 10 else 60.0)
+        star.bus.run_for(5.0 if minutes < 10 else 30.0)
     assert not found, found[0]
