@@ -44,3 +44,13 @@ def percentile(values: list[float], percent: float) -> float:
         raise NotMeasured("no sample was measured")
     ordered = sorted(values)
     return ordered[min(len(ordered) - 1, int(len(ordered) * percent / 100.0))]
+
+
+def table(results: list[Result]) -> str:
+    """Return the figures as a Markdown table with a column for each peer."""
+    peers = list(dict.fromkeys(peer for result in results for peer in result.peers))
+    lines = [["", "goal", "ours", *peers], ["---"] * (3 + len(peers))]
+    for r in results:
+        figures = (r.goal, r.value, *map(r.peers.get, peers))
+        lines.append([f"`{r.metric}`", *("" if v is None else f"{v:.3g}" for v in figures)])
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)

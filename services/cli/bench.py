@@ -31,6 +31,7 @@ BENCHMARKS = (
 def bench(
     name: Annotated[str, typer.Argument(help=f"{', '.join(BENCHMARKS)}, or all.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document a benchmark.")] = False,
+    as_table: Annotated[bool, typer.Option("--markdown", help="Print a table for the documentation.")] = False,
 ) -> None:
     """Measure, with peers in the same run. A benchmark that could not measure prints no value and exits with 1."""
     if name != "all" and name not in BENCHMARKS:
@@ -40,7 +41,7 @@ def bench(
     failed = False
     for one in BENCHMARKS if name == "all" else (name,):
         try:
-            _run(one, as_json)
+            _run(one, as_json=as_json, as_table=as_table)
         except NotMeasured as reason:
             print(f"starboard: bench {one}: {reason}", file=sys.stderr)
             failed = True
@@ -48,14 +49,17 @@ def bench(
         raise typer.Exit(1)
 
 
-def _run(name: str, as_json: bool) -> None:
-    from benchmarks.result import machine
+def _run(name: str, *, as_json: bool, as_table: bool) -> None:
+    from benchmarks.result import machine, table
 
     about = machine()
     results = importlib.import_module(f"benchmarks.{name}").measure()
     if as_json:
         rows = [{"metric": r.metric, "value": r.value, "peers": r.peers} for r in results]
         print(json.dumps({"bench": name, "machine": about, "results": rows}))
+        return
+    if as_table:
+        print(table(results))
         return
     print(f"{name} on {about['cores']} cores, {about['cpu']}, Python {about['python']}")
     for r in results:
