@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bus.clock import NS
-from services.cli.options import Hub, Json, Pattern, Vessel, key_expression
+from services.cli.options import Hub, Json, Pattern, Vessel, key_of_vessel
 from services.cli.system import client
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def hz(
     as_json: Json = False,
 ) -> None:
     """Measure rate, jitter (standard deviation of the intervals), gaps in the sequence and bytes of variables."""
-    wanted = key_expression(pattern)
+    wanted, vessel = key_of_vessel(pattern, vessel)
     heard: deque[RawSample] = deque()
     with client(hub, vessel=vessel) as bus:
         begin_s = time.monotonic()

@@ -25,6 +25,12 @@ def key_expression(text: str) -> str:
     return text
 
 
+def key_of_vessel(text: str, vessel: str | None) -> tuple[str, str | None]:
+    """Return key expression and vessel (None: the running system's); of a played log the full key says both."""
+    played = re.fullmatch(r"(replay/[^/*]+)/(.+)", key_expression(text)) if vessel is None else None
+    return (played[2], played[1]) if played else (key_expression(text), vessel)
+
+
 def complete_key(incomplete: str) -> list[str]:
     """Return the declared keys that begin so; of a template the form with a wildcard."""
     from bus.topics import all_topics

@@ -13,7 +13,16 @@ import typer
 
 from bus.clock import CLOCK
 from services.cli.errors import CliError
-from services.cli.options import Hub, Json, Pattern, Vessel, complete_key, complete_operator_key, key_expression
+from services.cli.options import (
+    Hub,
+    Json,
+    Pattern,
+    Vessel,
+    complete_key,
+    complete_operator_key,
+    key_expression,
+    key_of_vessel,
+)
 from services.cli.system import client
 
 if TYPE_CHECKING:
@@ -102,7 +111,7 @@ def get(key: Pattern, hub: Hub = None, vessel: Vessel = None, as_json: Json = Fa
     """Print the last value of a variable, or of all that fit. Commands are never kept: of them the next is awaited."""
     from bus.keys import is_pattern
 
-    expression = key_expression(key)
+    expression, vessel = key_of_vessel(key, vessel)
     with client(hub, vessel=vessel) as bus:
         values = _values(bus, expression)
     if not values:

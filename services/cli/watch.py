@@ -13,7 +13,7 @@ import typer
 
 from bus.clock import CLOCK
 from services.cli.errors import CliError
-from services.cli.options import Hub, Vessel, complete_key, key_expression
+from services.cli.options import Hub, Vessel, complete_key, key_of_vessel
 from services.cli.system import client
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def watch(  # noqa: PLR0917 - typer makes options of them
     vessel: Vessel = None,
 ) -> None:
     """Watch variables: value, unit, source, age, rate. Into a pipe or file: one line a message. Ctrl-C ends it."""
-    wanted = key_expression(scope or pattern)
+    wanted, vessel = key_of_vessel(scope or pattern, vessel)
     if scope and "*" in scope:
         raise CliError(f"--scope {scope}: name one key")
     heard: deque[RawSample] = deque(maxlen=BACKLOG)
@@ -53,7 +53,7 @@ def watch(  # noqa: PLR0917 - typer makes options of them
             if as_json or not (sys.stdout.isatty() and sys.stdin.isatty()):
                 _print_lines(heard, as_json, every_s, count)
             else:
-                _show(bus, wanted, heard, scope)
+                _show(bus, wanted, heard, scope and wanted)
         except KeyboardInterrupt:
             pass
 

@@ -18,6 +18,7 @@ from logs.writer import LogWriter
 from services.catalog import PROCESSES
 from services.cli.board import Board, board_table, scope_table, text_line
 from services.cli.hz import Arrivals
+from services.cli.options import key_of_vessel
 from services.cli.play import Player, _between, _open, _play, wire_bytes
 from services.star import HUBS, Node, declared_star, layout, live_star, mermaid, svg
 
@@ -241,3 +242,19 @@ def test_what_is_connected_is_told_from_what_is_declared() -> None:
     text = mermaid(list(nodes.values()))
     assert "estimator (not connected)" in text
     assert 'guest -- "my/key" --> hub' in text
+
+
+@pytest.mark.parametrize(
+    ("text", "vessel", "expected"),
+    [
+        ("navigation/state", None, ("navigation/state", None)),
+        ("replay/pladypos/navigation/state", None, ("navigation/state", "replay/pladypos")),
+        ("replay/pladypos/**", None, ("**", "replay/pladypos")),
+        ("replay/pladypos", None, ("replay/pladypos", None)),
+        ("replay/x/y", "pladypos", ("replay/x/y", "pladypos")),
+    ],
+)
+def test_the_full_key_of_a_played_log_names_its_vessel(
+    text: str, vessel: str | None, expected: tuple[str, str | None]
+) -> None:
+    assert key_of_vessel(text, vessel) == expected
