@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 import typer
 
@@ -137,6 +137,37 @@ def _command(method: str, text: str) -> Any:
 
 for _name, (_method, _text) in METHODS.items():
     app.command(_name)(_command(_method, _text))
+
+
+@app.command()
+def merge(
+    vessel: Annotated[str, typer.Argument(help="Vessel, name or file, that the models go into.")],
+    files: Annotated[
+        list[Path] | None, typer.Argument(help="Vessel files of experiments; none: the newest of each axis there is.")
+    ] = None,
+    save: Annotated[Path, typer.Option(help="Write the vessel file here.")] = Path("merged.toml"),
+    recordings: Annotated[Path, typer.Option(help="Where `identified/` is.")] = Path("recordings"),
+) -> None:
+    """One vessel file of the axes that experiments have identified, each in a file of its own."""
+    from services.identified_vessel import IdentifiedVesselError, merge_models
+    from services.vessels import vessel_path
+
+    source = vessel_path(vessel)
+    if not files:
+        folder = recordings / "identified"
+        newest = (sorted(folder.glob(f"{source.stem}-{axis}-*.toml"))[-1:] for axis in get_args(_Axis))
+        files = [path for found in newest for path in found]
+        if not files:
+            raise CliError(f"{folder} has no vessel files of {source.stem}: name them, or --recordings FOLDER")
+    try:
+        taken = merge_models(source, files, save)
+    except IdentifiedVesselError as error:
+        raise CliError(str(error)) from None
+    except OSError as error:
+        raise CliError(f"{error.filename}: {error.strerror}") from None
+    for axis, path in taken.items():
+        print(f"{axis}: {path}")
+    print(f"vessel file: {save}")
 
 
 def _limit(vessel: str | None, kind: str, axis: _Axis | None) -> float | None:

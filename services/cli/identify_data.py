@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 AxisName = Literal["surge", "sway", "heave", "yaw"]
 _SIGNALS = ("time", "eta", "tau")
+_MISSED = 4.2
+"""Sample times that a log's sensor may be silent: three samples in a row are lost now and then."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +50,13 @@ def load(path: Path, source: Source) -> tuple[Record, str]:
 
 
 def _from_log(path: Path, source: Source) -> tuple[Record, str]:
+    import numpy as np
+
     from bus import topics
     from bus.clock import NS
     from bus.messages import AXIS_FIELDS
     from logs.reader import Recording, RecordingError
-    from marine.identification.record import on_grid
+    from marine.identification.record import LONGEST_GAP_S, on_grid
 
     try:
         recording = Recording(path)
@@ -65,18 +69,20 @@ def _from_log(path: Path, source: Source) -> tuple[Record, str]:
         raise CliError(f"{path}: {error.args[0]}") from None
     if source.begin_s is not None or source.end_s is not None:
         if source.axis is None:
-            raise CliError("say which axis: --axis surge, sway or yaw")
-        axis = source.axis
+            raise CliError("say which axis: --axis surge, sway, heave or yaw")
+        axis, sensor = source.axis, None
         begin_s = recording.start_ns / NS + (source.begin_s or 0.0)
         end_s = recording.start_ns / NS + (source.end_s or recording.duration_s)
         told = f"{path.name}, {axis} from {begin_s - recording.start_ns / NS:.1f} s"
     else:
         chosen = _chosen(path, runs, source)
-        axis, begin_s, end_s = chosen.plan.axis, chosen.began_ns / NS, chosen.ended_ns / NS
+        axis, sensor = chosen.plan.axis, chosen.plan.sensor
+        begin_s, end_s = chosen.began_ns / NS, chosen.ended_ns / NS
         told = f"{path.name}, {chosen.plan.name} on {axis}, {runs.index(chosen) + 1} of {len(runs)}"
-    if axis == "heave":
-        raise CliError("a log has no depth measurement yet: give heave as CSV")
-    t, eta = _motion(recording, axis, begin_s, camera=camera)
+    try:
+        t, eta = _motion(recording, axis, begin_s, camera=camera, laser=sensor == "laser")
+    except KeyError as error:
+        raise CliError(f"{path}: {error.args[0]}") from None
     signs = _signs(source.flip)
     record = on_grid(
         t,
@@ -88,27 +94,35 @@ def _from_log(path: Path, source: Source) -> tuple[Record, str]:
         end_s=end_s,
         sample_s=source.sample_s,
         delay_s=source.delay_s,
+        longest_gap_s=max(LONGEST_GAP_S, _MISSED * float(np.median(np.diff(t)))),
     )
     return record, told
 
 
-def _motion(recording: Recording, axis: AxisName, begin_s: float, *, camera: bool) -> tuple[FloatArray, FloatArray]:
-    """Return times and heading, or way along the heading at begin_s: seen by the camera, else by compass and position.
+def _motion(
+    recording: Recording, axis: AxisName, begin_s: float, *, camera: bool, laser: bool
+) -> tuple[FloatArray, FloatArray]:
+    """Return times and depth, heading or way along the heading at begin_s, from the sensor that measured it.
 
-    Raises CliError where nothing measured it.
+    That is the depth sensor, the laser module, the camera, or compass and position. Raises KeyError where none did.
     """
     import numpy as np
 
     from bus import topics
     from marine.identification.record import along
 
-    try:
-        heading = recording.series(topics.CAMERA_POSE if camera else topics.SENSOR_COMPASS, "psi_rad")
-        if axis == "yaw":
-            return heading["stamp_s"], heading["psi_rad"]
-        place = recording.series(topics.CAMERA_POSE if camera else topics.SENSOR_POSITION, "x_m", "y_m")
-    except KeyError as error:
-        raise CliError(f"{recording.path}: {error.args[0]}") from None
+    if axis == "heave":
+        depth = recording.series(topics.SENSOR_DEPTH, "z_m")
+        return depth["stamp_s"], depth["z_m"]
+    if laser:
+        wall = recording.series(topics.SENSOR_LASER, "distance_m", "angle_rad")
+        square = wall["distance_m"].astype(float) * np.cos(wall["angle_rad"].astype(float))
+        seen = np.isfinite(square)
+        return wall["stamp_s"][seen], -square[seen]
+    heading = recording.series(topics.CAMERA_POSE if camera else topics.SENSOR_COMPASS, "psi_rad")
+    if axis == "yaw":
+        return heading["stamp_s"], heading["psi_rad"]
+    place = recording.series(topics.CAMERA_POSE if camera else topics.SENSOR_POSITION, "x_m", "y_m")
     t, x, y = place["stamp_s"], place["x_m"], place["y_m"]
     first = min(int((t < begin_s).sum()), len(t) - 1)
     psi_rad = float(heading["psi_rad"][int(np.argmin(np.abs(heading["stamp_s"] - t[first])))])

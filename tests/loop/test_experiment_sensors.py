@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
 from bus import topics
 from bus.config import Deployment
 from bus.messages import ExperimentEstimate, ExperimentPlan, ExperimentResult, ExperimentStatus
+from logs.recorder import Recorder, RecorderConfig
 from marine.vessel import DegreeOfFreedom
+from services.cli.identify import app as identify
 from services.experiment import ExperimentConfig, Experiments
 from services.experiment_run import sensor_of
-from services.vessels import load_vessel
+from services.vessels import load_vessel, vessel_path
 from tests.star import Star
 
 CALM = {"current_x_m_s": 0.0, "current_std_m_s": 0.0}
@@ -82,7 +86,10 @@ def test_heave_of_videoray_by_its_depth_sensor(tmp_path: Path, name: str) -> Non
     assert answer.accepted, answer.reason
     star.bus.run_until(lambda: abs(star.truth[-1].z_m or 0.0) > 3.9, 120.0)
     star.bus.run_for(10.0)
+    recorded = Deployment(vessel_path=vessel_path("videoray"), recordings_dir=tmp_path / "recordings")
+    star.bus.add(Recorder(RecorderConfig(min_free_mib=0), star.vessel, recorded))
     status, result = run(star, name=name, axis="heave", amplitude=0.6, hysteresis_m=0.2, oscillations=3)
+    star.bus.stop("recorder")
     assert status.state == "done", status
     heave = star.vessel.model.heave
     assert heave is not None
@@ -93,6 +100,12 @@ def test_heave_of_videoray_by_its_depth_sensor(tmp_path: Path, name: str) -> Non
     else:
         assert abs(alpha) < 0.06
         assert abs(beta) < 0.08
+        (log,) = recorded.recordings_dir.glob("*.mcap")
+        delay_s = ("--delay-s", str(star.vessel.actuation_delay_s))
+        again = CliRunner().invoke(identify, ["projection", str(log), *delay_s, "--json"])
+        assert again.exit_code == 0, again.output
+        found = {p["name"]: p["value"] for p in json.loads(again.stdout)["parameters"]}
+        assert found["alpha"] == pytest.approx(heave.alpha * (1.0 + alpha), rel=0.01), "the same data"
 
 
 def test_heave_near_the_surface_is_refused(tmp_path: Path) -> None:

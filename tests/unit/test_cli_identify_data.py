@@ -15,7 +15,7 @@ from marine.identification.validation import simulate
 from marine.vessel import DegreeOfFreedom
 from services.cli.errors import CliError
 from services.cli.identify import app
-from services.vessels import load_vessel
+from services.vessels import load_vessel, vessel_path
 
 TRUE = DegreeOfFreedom(0.5, 0.0, 0.3)
 
@@ -157,3 +157,25 @@ def test_a_file_that_is_no_recording_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "x.mcap").write_bytes(b"nothing")
     with pytest.raises(CliError, match=r"x\.mcap"):
         invoke("projection", str(tmp_path / "x.mcap"))
+
+
+def test_axes_of_several_experiments_become_one_vessel_file(tmp_path: Path) -> None:
+    data, merged = write(tmp_path / "a.csv", DATA), tmp_path / "merged.toml"
+    folder = tmp_path / "identified"
+    for axis, day in (("yaw", 1), ("yaw", 2), ("surge", 1)):
+        saved = folder / f"pladypos-{axis}-2026010{day}-120000.toml"
+        scaled = ("--columns", "time=time,eta=eta,tau=tau", "--axis", axis)
+        begin = ("--begin-s", "10") if day == 2 else ()
+        invoke("least-squares", data, *scaled, *begin, "--vessel", "pladypos", "--save", str(saved))
+    told = invoke("merge", "pladypos", "--save", str(merged), "--recordings", str(tmp_path))
+    assert "yaw: " in told
+    assert "20260102" in told, "the newest of an axis"
+    newest, surge = (load_vessel(str(next(folder.glob(name)))) for name in ("*yaw*02-*", "*surge*"))
+    found, file = load_vessel(str(merged)), load_vessel("pladypos")
+    assert (found.model.yaw, found.model.surge) == (newest.model.yaw, surge.model.surge)
+    assert found.model.sway == file.model.sway
+    assert found.actuators == file.actuators
+    with pytest.raises(CliError, match="none of these files has another model"):
+        invoke("merge", "pladypos", str(vessel_path("pladypos")), "--save", str(merged))
+    with pytest.raises(CliError, match="no vessel files of videoray"):
+        invoke("merge", "videoray", "--recordings", str(tmp_path))
