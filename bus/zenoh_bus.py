@@ -43,6 +43,9 @@ MAX_MESSAGE_BYTES = 32_000_000
 _STORE_BACKLOG = 10_000
 """Messages that wait for the store; when it is full, routing waits. The loop empties it 50 times a second."""
 
+_FILL_S = 0.1
+"""So long at most the store takes over messages in one go: whoever floods must not keep the loop from all else."""
+
 _DUMP = "@hub/store"
 """Where a hub gives its values to the other one; no wildcard fits a chunk with an @."""
 _SINCE = "since_ns"
@@ -477,9 +480,10 @@ class HubBus(ZenohBus):
     def fill_store(self) -> None:
         """Take over what has passed since the last call. In batches: a callback for each message would slow its way."""
         now_ns = self.clock.now_ns()
+        end_s = time.monotonic() + _FILL_S
         with self._hearing:
             heard = self._heard
-            while heard is not None and (sample := heard.try_recv()) is not None:
+            while heard is not None and time.monotonic() < end_s and (sample := heard.try_recv()) is not None:
                 key = self._strip(key_sent_on(sample))
                 payload = sample.payload.to_bytes()
                 if payload or sample.kind == zenoh.SampleKind.PUT:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, get_args
 import typer
 
 from services.cli.errors import CliError
+from services.cli.options import complete_mode
 from services.cli.system import client
 
 if TYPE_CHECKING:
@@ -24,7 +25,12 @@ ANSWER_S = 2.0
 
 
 def mode(  # noqa: PLR0917 - typer makes options of them
-    name: Annotated[str, typer.Argument(help="stop, manual, hold, heading, speed, depth, distance, line, path.")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="stop, manual, hold, heading, speed, depth, distance, line, path.", autocompletion=complete_mode
+        ),
+    ],
     file: Annotated[Path | None, typer.Argument(help="Of a path: a file with x,y in m on each line.")] = None,
     x_m: Annotated[float | None, typer.Option(help="Reference in the tank, to the right in the picture.")] = None,
     y_m: Annotated[float | None, typer.Option(help="Reference in the tank, downwards in the picture.")] = None,

@@ -45,6 +45,22 @@ def complete_operator_key(incomplete: str) -> list[str]:
     return [t.key for t in all_topics() if t.publisher == OPERATOR and t.key.startswith(incomplete)]
 
 
+def complete_service(incomplete: str) -> list[str]:
+    """Return the names of our services that begin so."""
+    from services.catalog import PROCESSES
+
+    return [p.name for p in PROCESSES if p.name.startswith(incomplete)]
+
+
+def complete_mode(incomplete: str) -> list[str]:
+    """Return the helm's modes that begin so."""
+    from typing import get_args
+
+    from bus.messages import Mode
+
+    return [mode for mode in get_args(Mode) if mode.startswith(incomplete)]
+
+
 Hub = Annotated[str | None, typer.Option(help="Address of the hub; without it the running system's.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Vessel = Annotated[

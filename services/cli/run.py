@@ -7,11 +7,15 @@ from typing import Annotated
 
 import typer
 
+from services.cli.options import complete_service
 from services.cli.system import running
 
 
 def run(
-    name: Annotated[str, typer.Argument(help="A name from `starboard status`, such as estimator.")],
+    name: Annotated[
+        str,
+        typer.Argument(help="A name from `starboard status`, such as estimator.", autocompletion=complete_service),
+    ],
     config: Annotated[
         Path | None, typer.Option(help="Configuration file; without it the one of the running system, or defaults.")
     ] = None,

@@ -280,18 +280,26 @@ def test_every_message_has_its_schema_and_live_messages_fit(star: RunningStar, t
 
 
 @pytest.mark.parametrize(
-    ("words", "expected"),
-    [("starboard ", "watch"), ("starboard get navi", "navigation/state"), ("starboard poke sim", "simulation/fault")],
+    ("shell", "words", "expected"),
+    [
+        ("bash", "starboard ", "watch"),
+        ("bash", "starboard poke sim", "simulation/fault"),
+        ("zsh", "starboard get navi", "navigation/state"),
+        ("fish", "starboard mode ho", "hold"),
+        ("fish", "starboard run esti", "estimator"),
+    ],
 )
-def test_the_shell_completes_commands_and_keys(words: str, expected: str) -> None:
+def test_the_shell_completes_commands_keys_and_names(shell: str, words: str, expected: str) -> None:
     environment = os.environ | {
-        "_STARBOARD_COMPLETE": "complete_bash",
+        "_STARBOARD_COMPLETE": f"complete_{shell}",
         "COMP_WORDS": words,
         "COMP_CWORD": str(len(words.split(" ")) - 1),
+        "_TYPER_COMPLETE_ARGS": words,
+        "_TYPER_COMPLETE_FISH_ACTION": "get-args",
     }
     starboard = Path(sys.executable).with_name("starboard")
     done = subprocess.run([starboard], env=environment, capture_output=True, text=True, timeout=30, check=False)
-    assert expected in done.stdout.split()
+    assert expected in done.stdout.replace('"', " ").replace(")", " ").split()
 
 
 def test_the_completion_script_is_printed_for_bash() -> None:

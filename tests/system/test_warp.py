@@ -106,6 +106,13 @@ def test_a_process_with_a_wrong_clock_stamps_right_and_tells_its_offset(pair: Hu
     process = subprocess.Popen([sys.executable, "-c", program, *arguments], cwd=ROOT, stderr=subprocess.DEVNULL)
     try:
         wait_for(lambda: any(beat[2] < 1e-3 for beat in beats), 15.0, "a good measurement")
+        status = subprocess.run(
+            [sys.executable, "-m", "services.cli.main", "status", "--json", "--hub", pair.hub],
+            cwd=ROOT, env=os.environ | {"STARBOARD_RUN_DIR": f"{pair.folder}/none"}, capture_output=True, text=True,
+            timeout=30, check=True,
+        )  # fmt: skip
+        (shown,) = (s for s in json.loads(status.stdout)["services"] if s["name"] == "allocator")
+        assert shown["clock_offset_ms"] == pytest.approx(-SHIFT_NS / 1e6, abs=shown["clock_uncertainty_ms"] + 0.5)
     finally:
         process.terminate()
         process.wait(5.0)
