@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 CODE   := bus marine services camera_tracker platform_link ui logs benchmarks tests starboard.py
 
-.PHONY: help setup up test check bench figures campaigns docs soak format lock chromium clean
+.PHONY: help setup up test check bench figures campaigns docs soak fuzz format lock chromium clean
 
 help:  ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -57,6 +57,9 @@ docs: setup  ## draw the generated parts of docs/ again
 
 soak: setup  ## tests too long for CI
 	$(BIN)/pytest -m soak --timeout=3600
+
+fuzz: setup  ## nonsense on every key of a running star, half a minute
+	$(BIN)/pytest -m soak tests/system/test_fuzz_star.py
 
 lock:  ## renew requirements.lock from pyproject.toml (needs the package registry)
 	$(PYTHON) -m venv $(VENV)/lock && $(VENV)/lock/bin/pip install --quiet uv
