@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
-import threading
-import uuid
-from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from services.cli.conversation import Conversation, granted, identity
 from services.cli.errors import CliError
 from services.cli.options import Hub, Json
 from services.cli.system import client, running
 from services.cli.tune import Row, rows_of
 
 if TYPE_CHECKING:
-    from bus.messages import AxisModel, ControlGains, ExperimentResult, Message, TunedAxis, Tuning, TuningAnswer
-    from bus.service import RawSample
+    from bus.messages import AxisModel, ControlGains, ExperimentResult, TunedAxis, Tuning
     from bus.zenoh_bus import ZenohBus
     from marine.vessel import Vessel
 
-ANSWER_S = 3.0
 GAINS_S = 5.0
 
 ROWS: tuple[Row, ...] = (
@@ -87,51 +82,30 @@ def autotune(  # noqa: PLR0917 - typer makes options of them
         raise typer.Exit(1)
 
 
-class Desk:
-    """Asks the controller on a real bus, and hears what it runs."""
+class Desk(Conversation):
+    """Asks the controller, and hears what it runs."""
 
     def __init__(self, bus: ZenohBus) -> None:
         from bus import topics
 
-        self._bus = bus
-        self._heard = threading.Condition()
-        self._gains: ControlGains | None = None
-        self._answers: dict[str, TuningAnswer] = {}
-        for topic in (topics.CONTROL_GAINS, topics.CONTROL_ANSWER):
-            bus.subscribe(topic.key, partial(self._hear, topic.message))
-
-    def _hear(self, kind: type[Message], sample: RawSample) -> None:
-        from bus.messages import ControlGains, TuningAnswer
-
-        message = kind.decode(sample.payload)
-        with self._heard:
-            if isinstance(message, ControlGains):
-                self._gains = message
-            elif isinstance(message, TuningAnswer):
-                self._answers[message.request_id] = message
-            self._heard.notify_all()
+        super().__init__(bus, topics.CONTROL_GAINS, topics.CONTROL_ANSWER)
 
     def gains(self) -> ControlGains:
         """Return what is in force, which is told every second; raise CliError when it is not."""
-        with self._heard:
-            self._heard.wait_for(lambda: self._gains is not None, GAINS_S)
-            if self._gains is None:
-                raise CliError("the controller does not tell its gains: see `starboard status`")
-            return self._gains
+        from bus import topics
+
+        self.wait(lambda: self.newest(topics.CONTROL_GAINS), GAINS_S)
+        if (told := self.newest(topics.CONTROL_GAINS)) is None:
+            raise CliError("the controller does not tell its gains: see `starboard status`")
+        return told
 
     def engage(self, tuning: Tuning | None) -> None:
         """Have a tuning engaged (None: the configuration file's); raise CliError when it is refused."""
         from bus import topics
         from bus.messages import TuningRequest
 
-        request = TuningRequest(request_id=uuid.uuid4().hex[:12], client=f"cli-{os.getpid()}", tuning=tuning)
-        self._bus.publish(topics.OPERATOR_TUNING, request.stamped(self._bus.clock.now_ns(), 0, "cli"))
-        with self._heard:
-            if not self._heard.wait_for(lambda: request.request_id in self._answers, ANSWER_S):
-                raise CliError(f"the controller did not answer within {ANSWER_S:.0f} s: see `starboard status`")
-        answer = self._answers[request.request_id]
-        if not answer.accepted:
-            raise CliError(f"refused: {answer.reason}")
+        request = TuningRequest(**identity(), tuning=tuning)
+        granted(self.ask(request, topics.OPERATOR_TUNING, topics.CONTROL_ANSWER))
 
 
 def _axes(axis: str, vessel: Vessel) -> tuple[TunedAxis, ...]:

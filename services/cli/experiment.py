@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import threading
 import time
-import uuid
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from bus.clock import NS
+from services.cli.conversation import CLIENT, Conversation, granted, identity
 from services.cli.errors import CliError
 from services.cli.options import Hub, Json
 from services.cli.system import client
@@ -25,16 +22,11 @@ if TYPE_CHECKING:
         ExperimentPlan,
         ExperimentResult,
         ExperimentStatus,
-        HelmAnswer,
-        HelmState,
-        Message,
         NavigationState,
     )
-    from bus.service import RawSample
     from bus.zenoh_bus import ZenohBus
     from services.campaign import CampaignFile, Place
 
-ANSWER_S = 2.0
 SILENT_S = 5.0
 LEASE_S = 3600.0
 
@@ -103,105 +95,69 @@ def experiment(  # noqa: PLR0917 - typer makes options of them
         raise typer.Exit(1)
 
 
-class BusPilot:
-    """Asks the helm on a real bus, and waits for what experiment and estimator say."""
+class BusPilot(Conversation):
+    """Asks the helm, and waits for what experiment and estimator say."""
 
     def __init__(self, bus: ZenohBus, take: bool, *, quiet: bool) -> None:
         from bus import topics
 
-        self.bus, self._take, self._quiet = bus, take, quiet
-        self.client = f"cli-{os.getpid()}"
-        self._asked = False
-        self._heard = threading.Condition()
-        self._answers: dict[str, HelmAnswer] = {}
-        self._status: ExperimentStatus | None = None
-        self._result: ExperimentResult | None = None
-        self._state: NavigationState | None = None
-        self._helm: HelmState | None = None
-        self._estimate: ExperimentEstimate | None = None
-        for topic in (
+        super().__init__(
+            bus,
             topics.HELM_ANSWER,
             topics.HELM_STATE,
             topics.EXPERIMENT_STATUS,
             topics.EXPERIMENT_RESULT,
             topics.EXPERIMENT_ESTIMATE,
             topics.NAVIGATION_STATE,
-        ):
-            bus.subscribe(topic.key, partial(self._hear, topic.message))
-
-    def _hear(self, kind: type[Message], sample: RawSample) -> None:
-        from bus.messages import (
-            ExperimentEstimate,
-            ExperimentResult,
-            ExperimentStatus,
-            HelmAnswer,
-            HelmState,
-            NavigationState,
         )
+        self._take, self._quiet = take, quiet
+        self._asked = False
 
-        message = kind.decode(sample.payload)
-        with self._heard:
-            if isinstance(message, HelmAnswer):
-                self._answers[message.request_id] = message
-            elif isinstance(message, ExperimentStatus):
-                self._status = message
-            elif isinstance(message, ExperimentResult):
-                self._result = message
-            elif isinstance(message, NavigationState):
-                self._state = message
-            elif isinstance(message, HelmState):
-                self._helm = message
-            elif isinstance(message, ExperimentEstimate):
-                self._estimate = message
-            self._heard.notify_all()
-
-    def ask(self, **wish: Any) -> str:
+    def order(self, **wish: Any) -> str:
         """Ask the helm; return the request's id, raise CliError when it refuses."""
         from bus import topics
         from bus.messages import OperatorRequest
 
-        request = OperatorRequest(
-            stamp_ns=self.bus.clock.now_ns(), source="cli", request_id=uuid.uuid4().hex[:12], client=self.client,
-            lease_s=LEASE_S, attended=False, take=self._take, **wish,
-        )  # fmt: skip
-        self.bus.publish(topics.OPERATOR_REQUEST, request)
-        with self._heard:
-            if not self._heard.wait_for(lambda: request.request_id in self._answers, ANSWER_S):
-                raise CliError(f"the helm did not answer within {ANSWER_S:.0f} s: see `starboard status`")
-            answer = self._answers[request.request_id]
-        if not answer.accepted:
-            raise CliError(f"refused: {answer.reason}")
+        request = OperatorRequest(**identity(), lease_s=LEASE_S, attended=False, take=self._take, **wish)
+        granted(self.ask(request, topics.OPERATOR_REQUEST, topics.HELM_ANSWER))
         self._asked = True
         return request.request_id
 
     def run(self, plan: ExperimentPlan) -> tuple[ExperimentStatus, ExperimentResult | None]:
         """Run an experiment to its end; on Ctrl-C hold instead."""
-        run = self.ask(mode="experiment", experiment=plan)
+        from bus import topics
+
+        run = self.order(mode="experiment", experiment=plan)
         try:
             status = self._follow(run)
         except KeyboardInterrupt:
-            self.ask(mode="hold")
+            self.order(mode="hold")
             raise CliError("ended: the vessel holds where it is") from None
-        result = self._result
+        result = self.newest(topics.EXPERIMENT_RESULT)
         return status, result if result is not None and result.run == run else None
 
     def _follow(self, run: str) -> ExperimentStatus:
         from rich.console import Console
 
+        from bus import topics
+
         console = Console(stderr=True, quiet=self._quiet)
         told = ""
-        last_s = time.monotonic()
+        last_s, seen_ns = time.monotonic(), 0
+
+        def told_of() -> ExperimentStatus | None:
+            status = self.newest(topics.EXPERIMENT_STATUS)
+            return status if status is not None and status.run == run and status.stamp_ns > seen_ns else None
+
         with console.status("waiting for the experiment") as line:
             while time.monotonic() - last_s < SILENT_S:
-                with self._heard:
-                    self._heard.wait(1.0)
-                    status, self._status = self._status, None
-                    estimate = self._estimate
-                if status is None or status.run != run:
+                self.wait(told_of, 1.0)
+                if (status := told_of()) is None:
                     continue
-                last_s = time.monotonic()
+                last_s, seen_ns = time.monotonic(), status.stamp_ns
                 if status.state in ("done", "failed"):
                     return status
+                estimate = self.newest(topics.EXPERIMENT_ESTIMATE)
                 known = estimate_line(estimate) if estimate is not None and estimate.run == run else ""
                 line.update(progress_line(status) + known)
                 if status.advice and status.advice != told:
@@ -213,23 +169,27 @@ class BusPilot:
         """Hold the place and wait for calm; raise CliError when it does not come, or somebody else took the helm."""
         from rich.console import Console
 
+        from bus import topics
         from services.campaign import at_rest
 
-        helm = self._helm
+        helm = self.newest(topics.HELM_STATE)
         if self._asked and helm is not None and helm.mode == "stop":
             raise CliError(f"the helm has stopped ({helm.reason}): the campaign ends here")
-        if self._asked and helm is not None and helm.holder not in ("", self.client):
+        if self._asked and helm is not None and helm.holder not in ("", CLIENT):
             raise CliError(f"{helm.holder} has taken the helm: the campaign ends here")
-        self.ask(mode="hold", x_m=place.x_m, y_m=place.y_m, psi_rad=place.psi_rad)
+        self.order(mode="hold", x_m=place.x_m, y_m=place.y_m, psi_rad=place.psi_rad)
         clock, seen_ns = self.bus.clock, 0
         end_ns = clock.now_ns() + round(campaign.patience_s * NS)
         calm_since_ns: int | None = None
+
+        def moved() -> NavigationState | None:
+            state = self.newest(topics.NAVIGATION_STATE)
+            return state if state is not None and state.stamp_ns > seen_ns else None
+
         with Console(stderr=True, quiet=self._quiet).status(f"to x {place.x_m:g} m, y {place.y_m:g} m, and calm there"):
             while calm_since_ns is None or seen_ns - calm_since_ns < campaign.calm_s * NS:
-                with self._heard:
-                    self._heard.wait(1.0)
-                    state = self._state
-                if state is not None and state.stamp_ns > seen_ns:
+                self.wait(moved, 1.0)
+                if (state := moved()) is not None:
                     seen_ns = state.stamp_ns
                     calm = at_rest(state, place, campaign)
                     calm_since_ns = (calm_since_ns or seen_ns) if calm else None

@@ -4,24 +4,16 @@ from __future__ import annotations
 
 import json
 import math
-import os
-import threading
-import uuid
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, get_args
+from typing import Annotated, get_args
 
 import typer
 
+from services.cli.conversation import Conversation, identity
 from services.cli.errors import CliError
 from services.cli.options import complete_mode
 from services.cli.system import client
-
-if TYPE_CHECKING:
-    from bus.messages import HelmAnswer
-    from bus.service import RawSample
-
-ANSWER_S = 2.0
 
 
 def mode(  # noqa: PLR0917 - typer makes options of them
@@ -63,7 +55,7 @@ def mode(  # noqa: PLR0917 - typer makes options of them
     from pydantic import ValidationError
 
     from bus import topics
-    from bus.messages import HelmAnswer, Mode, OperatorRequest
+    from bus.messages import Mode, OperatorRequest
     from bus.service import first_line
 
     if name not in get_args(Mode):
@@ -72,8 +64,7 @@ def mode(  # noqa: PLR0917 - typer makes options of them
     try:
         request = OperatorRequest.model_validate(
             {
-                "request_id": uuid.uuid4().hex[:12],
-                "client": f"cli-{os.getpid()}",
+                **identity(),
                 "mode": name,
                 "x_m": x_m,
                 "y_m": y_m,
@@ -90,21 +81,8 @@ def mode(  # noqa: PLR0917 - typer makes options of them
         )
     except ValidationError as error:
         raise CliError(first_line(error)) from None
-    answers: list[HelmAnswer] = []
-    answered = threading.Event()
-
-    def hear(sample: RawSample) -> None:
-        answer = HelmAnswer.decode(sample.payload)
-        if answer.request_id == request.request_id:
-            answers.append(answer)
-            answered.set()
-
     with client(hub) as bus:
-        bus.subscribe(topics.HELM_ANSWER.key, hear)
-        bus.publish(topics.OPERATOR_REQUEST, request.stamped(bus.clock.now_ns(), 0, "cli"))
-        if not answered.wait(ANSWER_S):
-            raise CliError(f"the helm did not answer within {ANSWER_S:.0f} s: see `starboard status`")
-    answer = answers[0]
+        answer = Conversation(bus, topics.HELM_ANSWER).ask(request, topics.OPERATOR_REQUEST, topics.HELM_ANSWER)
     if as_json:
         print(json.dumps({"accepted": answer.accepted, "mode": name, "reason": answer.reason}))
     else:

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from services.cli.conversation import CLIENT
 from services.cli.errors import CliError
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ class Person:
         self._thread = threading.Thread(target=self._hold, daemon=True)
 
     def __enter__(self) -> Person:
-        self._pilot.ask(mode="manual")
+        self._pilot.order(mode="manual")
         self._thread.start()
         return self
 
@@ -43,7 +44,7 @@ class Person:
         self._stick = 0.0
         self._over.set()
         self._thread.join()
-        self._pilot.ask(mode="stop")
+        self._pilot.order(mode="stop")
 
     def push(self, share: float) -> Mapping[str, float]:
         """Push, wait until it is steady."""
@@ -75,7 +76,7 @@ class Person:
             stick = OperatorJoystick(
                 stamp_ns=self._pilot.bus.clock.now_ns(),
                 source="cli",
-                client=self._pilot.client,
+                client=CLIENT,
                 **{self._axis: self._stick},
             )
             self._pilot.bus.publish(topics.OPERATOR_JOYSTICK, stick)
