@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from benchmarks.chapter_8.runs import UNDER_WAY_M_S
 from bus import topics
 from bus.clock import NS
 from logs.reader import Recording
@@ -170,23 +171,31 @@ def saturated(w0: float, log: Log) -> Figure:
 
 
 def headings(log: Log) -> Figure:
-    """Fig. 8.9: heading and rudder of Charlie."""
+    """Algorithm 8.4 and Fig. 8.9: the self-oscillation by the rudder, heading and rudder after it."""
     t, psi = log.truth("psi_rad")
-    heading = Chart("heading", "t, s", "deg")
-    line(heading, *_degrees(log.wanted("psi_rad")), "wanted")
-    line(heading, t, np.degrees(psi), "recorded")
-    rudder, angle = rudder_chart(log)
+    result = next(e.message for e in log.recording.messages(topics.EXPERIMENT_RESULT))
+    relay, heading = Chart("self-oscillation", "t, s", "deg"), Chart("heading", "t, s", "deg")
+    t_wanted, wanted = log.wanted("psi_rad")
+    begun = log.begun(3)
+    _, (t_rudder, angle) = rudder_chart(log)
+    began, ended = ((at - log.begin_ns) / NS for at in (result.began_ns, result.ended_ns))
+    for at, values, label in ((t, np.degrees(np.unwrap(psi)), "heading"), (t_rudder, angle, "rudder")):
+        here = (at >= began) & (at <= ended)
+        line(relay, at[here] - began, values[here], label)
+    here = t_wanted >= begun
+    line(heading, t_wanted[here] - begun, np.degrees(wanted[here]), "wanted")
+    line(heading, t[t >= begun] - begun, np.degrees(psi[t >= begun]), "recorded")
+    rudder, here = Chart("rudder", "t, s", "deg"), t_rudder >= begun
+    line(rudder, t_rudder[here] - begun, angle[here], most=800)
     last = np.degrees(psi[t >= t[-1] - 15.0])
     caption = (
-        "Charlie ahead at 1 m/s, wind of 20 N across with gusts: I-PD by Bessel with 0.45 rad/s, (5.48, 12.01, 10.97). "
-        f"Mean error of the last 15 s {abs(last.mean() - 20.0):.1f} degrees; there the rudder moves by "
-        f"{iadc(*angle, t[-1] - 15.0, t[-1]):.1f} degrees a second."
+        f"Algorithm 8.4 with Charlie's rudder, under way at {UNDER_WAY_M_S:g} m/s, wind of 20 N across with gusts: "
+        f"{result.plan.oscillations} oscillations with x_a = 10 degrees took {ended - began:.0f} s; I-PD by Bessel, "
+        "0.45 rad/s: (5.48, 12.01, 10.97), on the model that was found. Mean error of the last 15 s "
+        f"{abs(last.mean() - 20.0):.1f} degrees; there the rudder moves by "
+        f"{iadc(t_rudder, angle, t[-1] - 15.0, t[-1]):.1f} degrees a second."
     )
-    return Figure((heading, rudder), caption)
-
-
-def _degrees(pair: tuple[Array, Array]) -> tuple[Array, Array]:
-    return pair[0], np.degrees(pair[1])
+    return Figure((relay, heading, rudder), caption)
 
 
 def rudder_chart(log: Log, label: str = "") -> tuple[Chart, tuple[Array, Array]]:

@@ -26,8 +26,13 @@ WIND = {"wind_drag_area_m2": 2.0, "wind_y_m_s": 4.0, "gust_std_m_s": 0.3}
 """20 N across the line, with gusts (chosen); position 0.5 m and compass 0.5 degrees are Charlie's file's."""
 LEARN_S = 60.0
 """Charlie floats so long until its filter knows the wind: by fixes of 0.5 m it does not see it earlier."""
+UNDER_WAY_M_S = 0.67
+"""Charlie's speed in a self-oscillation: half of what it can."""
 WALKS = {"force_walk_n": 0.3, "moment_walk_nm": 0.3, "yaw_rate_walk_rad_s": 0.002}
 """Of Charlie's estimator: a slow vessel in a slow wind (chosen)."""
+
+AGILE = WALKS | {"yaw_rate_walk_rad_s": 0.005}
+"""The same for hard turns by the rudder, which the uncoupled model does not foresee."""
 
 
 class LoggedStar(Star):
@@ -60,9 +65,9 @@ class LoggedStar(Star):
             raise RuntimeError(f"{mode}: {answer.reason}")
         self.bus.run_for(seconds)
 
-    def identify(self, axis: Any, amplitude: float) -> AxisModel:
+    def identify(self, axis: Any, amplitude: float, **how: Any) -> AxisModel:
         """Run a self-oscillation to its end and return the model of the best method: thesis Algorithm 8.4 I, II."""
-        plan = ExperimentPlan(name="self-oscillation", axis=axis, amplitude=amplitude, oscillations=2)
+        plan = ExperimentPlan(name="self-oscillation", axis=axis, amplitude=amplitude, **how)
         answer = self.request("experiment", experiment=plan)
 
         def ended() -> bool:
@@ -148,17 +153,20 @@ def dive(depth_m: float, seconds: float) -> Callable[[LoggedStar], None]:
 
 
 def headings(star: LoggedStar) -> None:
-    """Fig. 8.9: changes of the heading while it runs ahead."""
-    star.ask("speed", 20.0, speed_m_s=1.0, psi_rad=0.0)
-    for degrees in (40.0, -10.0, 20.0):
-        star.ask("speed", 40.0, speed_m_s=1.0, psi_rad=math.radians(degrees))
+    """Algorithm 8.4 and Fig. 8.9: a self-oscillation under way, its controller, changes of the heading."""
+    star.bus.run_for(LEARN_S)
+    star.ask("speed", 20.0, speed_m_s=UNDER_WAY_M_S, psi_rad=0.0)
+    model = star.identify("yaw", 0.8, hysteresis_rad=math.radians(10.0), oscillations=5)
+    star.tune(Tuning(law="heading", parameters={"yaw_w0_rad_s": 0.45}, models={"yaw": model}))
+    for degrees in (0.0, 40.0, -10.0, 20.0):
+        star.ask("speed", 30.0, speed_m_s=UNDER_WAY_M_S, psi_rad=math.radians(degrees))
 
 
 def tuned(star: LoggedStar) -> None:
     """Algorithm 8.4 on PlaDyPos: turns by 90 degrees before and after."""
     for tuning in (False, True):
         if tuning:
-            star.tune(Tuning(law="ipd", models={"yaw": star.identify("yaw", 0.7)}))
+            star.tune(Tuning(law="ipd", models={"yaw": star.identify("yaw", 0.7, oscillations=2)}))
         star.ask("hold", 25.0, x_m=2.5, y_m=1.875, psi_rad=0.0)
         star.ask("hold", 25.0, x_m=2.5, y_m=1.875, psi_rad=math.pi / 2.0)
 
@@ -251,7 +259,7 @@ RUNS: dict[str, Run] = {
         {"controller": {"heading_w0_rad_s": 1.5}},
         {"yaw": DegreeOfFreedom(0.98, 0.0, 1.305)},
     ),
-    "8.9": _charlie(headings, heading_w0_rad_s=0.45),
+    "8.9": Run("charlie", headings, {"simulator": {**WIND, "x_m": 10.0, "y_m": 43.0}, "estimator": AGILE}),
     "algorithm-8.4": Run("pladypos", tuned, {"simulator": {"current_x_m_s": 0.04, "current_y_m_s": 0.03}}, heavy=True),
     "8.16": _wall(ramp_and_step, 0.6),
     "8.17": _wall(absences, 0.6),
