@@ -15,6 +15,8 @@ from bus.topics import Topic
 M = TypeVar("M", bound=Message)
 
 _WAKE_LIMIT = 10_000
+_Reader = tuple[Callable[[bytes | Message, str], None], str, str]
+"""An input's `offer`, the key that it wants to know, the service that it wakes."""
 
 
 class MemoryBus:
@@ -31,7 +33,7 @@ class MemoryBus:
         self._ready: dict[str, None] = {}  # in order, each once
         self._readers: dict[str, list[tuple[str, Input[Any]]]] = {}
         self._raw_readers: list[tuple[str, RawInput]] = []
-        self._routes: dict[str, list[tuple[str, Input[Any]]]] = {}
+        self._routes: dict[str, list[_Reader]] = {}
         self._last: dict[str, tuple[Topic[Any], Message]] = {}
         self._taps: dict[str, list[Callable[[Any], None]]] = {}
         self._sequences: dict[str, int] = {}
@@ -45,7 +47,7 @@ class MemoryBus:
         """Start a service on the bus, as a late joiner; one of the same name is replaced."""
         if service.name in self._steppers:
             self.kill(service.name)
-        stepper = Stepper(service, self._send, float)  # float() is 0.0: no step takes time
+        stepper = Stepper(service, self._send)
         self._steppers[service.name] = stepper
         self._routes.clear()
         for port in service.inputs:
@@ -87,12 +89,11 @@ class MemoryBus:
         """Publish from outside any service, as the topic's publisher or as `source`; the header is filled in."""
         seq = self._sequences.get(topic.key, 0)
         self._sequences[topic.key] = seq + 1
-        stamp_ns = message.stamp_ns or self.clock.now_ns()
-        self._send(topic, message.stamped(stamp_ns, seq, source or topic.publisher))
+        self._send(topic, message.stamped(self.clock.now_ns(), seq, source or topic.publisher))
 
     def publish_bytes(self, key: str, payload: bytes) -> None:
         """Put any bytes on a key, as a broken client would."""
-        self._offer(self._readers_of(key), payload, key)
+        self._offer(self._route_of(key), payload)
 
     def last(self, topic: Topic[M]) -> M | None:
         """Return the last message of a topic."""
@@ -123,7 +124,7 @@ class MemoryBus:
         """Step the service that is due first, and all that it wakes; return False when none is due until the end."""
         now_ns, first, first_ns = self.clock.now_ns(), None, end_ns + 1
         for name, stepper in self._steppers.items():
-            due_ns = stepper.next_ns(now_ns)
+            due_ns = stepper.next_ns(now_ns) if stepper.choosy else stepper.due_ns
             if due_ns < first_ns and name not in self._paused:
                 first, first_ns = stepper, due_ns
         if first is None:
@@ -153,11 +154,11 @@ class MemoryBus:
     def _send(self, topic: Topic[Any], message: Message) -> None:
         key = topic.key
         self._last[key] = (topic, message)
-        readers = self._routes.get(key)
-        if readers is None:
-            readers = self._readers_of(key)
-        if readers:
-            self._offer(readers, message.encode() if self._json else message, key)
+        route = self._routes.get(key)
+        if route is None:
+            route = self._route_of(key)
+        if route:
+            self._offer(route, message.encode() if self._json else message)
         if self._raw_readers:
             raw = RawSample(key, message.encode(), self.clock.now_ns())
             for name, raw_port in self._raw_readers:
@@ -169,10 +170,14 @@ class MemoryBus:
             for callback in self._taps[key]:
                 callback(message)
 
-    def _readers_of(self, key: str) -> list[tuple[str, Input[Any]]]:
+    def _route_of(self, key: str) -> list[_Reader]:
         """Work out a route, which `_routes` keeps until a service comes or goes."""
         patterns = [p for p in self._readers if p == key or (is_pattern(p) and matches(p, key))]
-        route = self._routes[key] = [reader for p in patterns for reader in self._readers[p]]
+        route = self._routes[key] = [
+            (port.offer, key if port.is_pattern else "", name if port.wakes else "")
+            for p in patterns
+            for name, port in self._readers[p]
+        ]
         return route
 
     def _offer_all_retained(self, port: Input[Any]) -> None:
@@ -180,8 +185,8 @@ class MemoryBus:
             if topic.latched and matches(port.topic.pattern, key):
                 port.offer_retained(self._encoded(message), key)
 
-    def _offer(self, readers: list[tuple[str, Input[Any]]], sample: bytes | Message, key: str) -> None:
-        for name, port in readers:
-            port.offer(sample, key if port.is_pattern else "")
-            if port.wakes:
-                self._ready[name] = None
+    def _offer(self, route: list[_Reader], sample: bytes | Message) -> None:
+        for offer, key, woken in route:
+            offer(sample, key)
+            if woken:
+                self._ready[woken] = None

@@ -102,17 +102,19 @@ class Input(Generic[M]):
         self._offers: dict[str, int] = {}
         self._arrived: list[M] = []
         self._taken: list[M] = []
-        self._last: dict[str, tuple[str, int, int]] = {}
+        self._counts: dict[str, tuple[str, int]] = {}
+        """Of each key the publisher, and by how much its count is ahead of the offers: that grows by what was lost."""
         self._held_until_ns = 0
         self.idle = True
         """Whether `refresh` has nothing to do: most inputs, most of the time."""
 
     def offer(self, sample: bytes | Message, key: str = "") -> None:
         """Hand over a sample; called by the transport, from any thread. `key` matters to a topic of many keys only."""
-        self._offers[key] = number = self._offers.get(key, 0) + 1
-        if len(self._pending) == self._pending.maxlen:
+        pending, offers = self._pending, self._offers
+        offers[key] = number = offers.get(key, 0) + 1
+        if len(pending) == pending.maxlen:
             self._miss(1)
-        self._pending.append((key, number, sample))
+        pending.append((key, number, sample))
         self.idle = False
 
     def offer_retained(self, sample: bytes | Message, key: str = "") -> None:
@@ -148,9 +150,10 @@ class Input(Generic[M]):
         if self.min_interval_ns and self._held(now_ns):
             return
         self._decode_pending()
-        if not self._arrived:
+        arrived = self._arrived
+        if not arrived:
             return
-        arrived, self._arrived = self._arrived, []
+        self._arrived = []
         self.updated = True
         self._held_until_ns = now_ns + self.min_interval_ns
         if self.queue:
@@ -174,16 +177,15 @@ class Input(Generic[M]):
             message = sample if isinstance(sample, kind) else self._decode(sample)
             if message is None:
                 continue
-            last = self._last.get(key)
-            if last is not None and last[0] == message.source:  # count what was sent but never offered
-                missing = message.seq - last[1] - (number - last[2])
-                self.gaps += missing if 0 < missing <= MAX_GAP else 0
-            self._last[key] = (message.source, message.seq, number)
-            before = self.latest
+            count, before_it = (message.source, message.seq - number), self._counts.get(key)
+            if count != before_it:
+                if before_it is not None and before_it[0] == count[0]:
+                    missing = count[1] - before_it[1]
+                    self.gaps += missing if 0 < missing <= MAX_GAP else 0
+                self._counts[key] = count
+            before, self.latest = self.latest, message
             if self.is_pattern:
-                before = self.by_key.get(key)
-                self.by_key[key] = message
-            self.latest = message
+                before, self.by_key[key] = self.by_key.get(key), message
             if not (self.changed_only and before is not None and _content(before) == _content(message)):
                 self._arrived.append(message)
 
@@ -200,10 +202,10 @@ class Input(Generic[M]):
 
     def fresh(self, now_s: float) -> M | None:
         """Return the latest message unless its stamp is older than `max_age_s` or lies in the future."""
-        if self.latest is None or self.max_age_s is None:
-            return self.latest
-        age_s = now_s - self.latest.stamp_ns * 1e-9
-        return self.latest if -FUTURE_TOLERANCE_S <= age_s <= self.max_age_s else None
+        latest, max_age_s = self.latest, self.max_age_s
+        if latest is None or max_age_s is None:
+            return latest
+        return latest if -FUTURE_TOLERANCE_S <= now_s - latest.stamp_ns * 1e-9 <= max_age_s else None
 
     def take(self) -> list[M]:
         """Return the messages of a queued input that came since the step before, oldest first."""
@@ -256,7 +258,7 @@ class Output(Generic[M]):
         if self._send is None:
             raise RuntimeError(f"{self.topic.key}: the service is on no bus")
         moment = self._moment
-        stamped = message.stamped(message.stamp_ns or moment.now_ns, self._sequence, moment.source)
+        stamped = message.stamped(moment.now_ns, self._sequence, moment.source)
         self._sequence += 1
         self._send(self.topic, stamped)
         return stamped

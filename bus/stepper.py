@@ -16,11 +16,11 @@ HEARTBEAT_NS = NS
 class Stepper:
     """Steps a service and tells how it fares.
 
-    `timer` gives seconds for the step times of the heartbeat; a constant one keeps `MemoryBus` deterministic.
+    `timer` gives seconds for the step times of the heartbeat; without one they are zero: `MemoryBus` is deterministic.
     """
 
     def __init__(
-        self, service: Service, send: Send, timer: Callable[[], float], clock: StarClock | None = None
+        self, service: Service, send: Send, timer: Callable[[], float] | None = None, clock: StarClock | None = None
     ) -> None:
         self.service = service
         self.period_ns = round(NS / service.rate_hz)
@@ -31,8 +31,9 @@ class Stepper:
         self._inputs = service.inputs
         self._raw_inputs = service.raw_inputs
         waking = [port for port in self._inputs if port.wakes]
-        self._choosy = [port for port in waking if port.min_interval_ns or port.changed_only]
-        self._eager = [port for port in waking if port not in self._choosy]
+        self.choosy = [port for port in waking if port.min_interval_ns or port.changed_only]
+        """Inputs that wake, but not at once or not always."""
+        self._eager = [port for port in waking if port not in self.choosy]
         self._heartbeat = Output(HEARTBEAT.of(service.name))
         for output in [*service.outputs, self._heartbeat]:
             output.bind(self._moment, send)
@@ -62,19 +63,22 @@ class Stepper:
             if port.problem:
                 self._tell_problem(port.topic.key, port.problem)
                 port.problem = ""
-        begin = self._timer()
-        self.service.step(now_ns / NS)
-        spent = self._timer() - begin
+        if self._timer is None:
+            self.service.step(now_ns / NS)
+        else:
+            begin_s = self._timer()
+            self.service.step(now_ns / NS)
+            spent_s = self._timer() - begin_s
+            self._busy_s += spent_s
+            self._longest_s = max(self._longest_s, spent_s)
         self._steps += 1
-        self._busy_s += spent
-        self._longest_s = max(self._longest_s, spent)
         self._schedule(now_ns)
         if now_ns - self._beat_ns >= HEARTBEAT_NS:
             self._beat("running", now_ns)
 
     def woken(self, now_ns: int) -> bool:
         """Whether a wake means a step now, or only one later (`next_ns`), or none: nothing has changed."""
-        if not self._choosy:
+        if not self.choosy:
             return True
         if any(port.due_ns(now_ns) for port in self._eager) or any(raw.waits for raw in self._raw_inputs):
             return True
@@ -82,9 +86,8 @@ class Stepper:
 
     def next_ns(self, now_ns: int) -> int:
         """Return when the next step is due: after the period, or before that for an input whose interval is over."""
-        if not self._choosy:
-            return self.due_ns
-        return min([self.due_ns, *(at for port in self._choosy if (at := port.due_ns(now_ns)) is not None)])
+        offered = [at for port in self.choosy if not port.idle and (at := port.due_ns(now_ns)) is not None]
+        return min([self.due_ns, *offered])
 
     def _schedule(self, now_ns: int) -> None:
         if now_ns < self.due_ns:  # woken by an input

@@ -76,7 +76,7 @@ def _run(bus: ZenohBus, run: ScriptRun, force: bool, as_json: bool) -> None:
             passed_s, before_s = now_s - before_s, now_s
             for poke in run.advance(passed_s if passed_s < _AWAY_S else 0.0, values):
                 topic, message = checked_message(poke.key, poke.fields, force=force)
-                bus.publish(topic, message.stamped(message.stamp_ns or bus.clock.now_ns(), sent[poke.key], "script"))
+                bus.publish(topic, message.stamped(bus.clock.now_ns(), sent[poke.key], "script"))
                 sent[poke.key] += 1
                 _tell(poke, as_json)
             if run.state != state and run.state in ("waiting to start", "waiting", "paused"):

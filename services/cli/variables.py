@@ -191,7 +191,7 @@ def poke(
     """Publish a message by hand, checked against its schema first. The header is filled in."""
     topic, message = checked_message(key, _fields(key, values), force=force)
     with client(hub) as bus:
-        bus.publish(topic, message.stamped(message.stamp_ns or bus.clock.now_ns(), 0, message.source or "poke"))
+        bus.publish(topic, message.stamped(bus.clock.now_ns(), 0, message.source or "poke"))
     print(f"{key}: sent")
 
 
