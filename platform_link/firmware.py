@@ -27,6 +27,8 @@ class Firmware:
         self._decoder = Decoder()
         self._zeros = (0.0,) * len(self.actuators)
         self._commands = self._zeros
+        self._no_commands = dict(zip(self.actuators, self._zeros, strict=True))
+        self._by_name = self._no_commands
         self._commanded_s: float | None = None
         self._echo_us = 0
         self._seq = 0
@@ -42,8 +44,8 @@ class Firmware:
         return b"".join([self._obey(m, now_s) for m in self._decoder.feed(data) if isinstance(m, Command)])
 
     def commands(self, now_s: float) -> dict[str, float]:
-        """Return the command that each actuator runs, in its own unit."""
-        return dict(zip(self.actuators, self._in_force(now_s), strict=True))
+        """Return the command that each actuator runs, in its own unit. Not to be changed."""
+        return self._no_commands if self.dead_man(now_s) else self._by_name
 
     def poll(self, now_s: float) -> bytes:
         """Return a telemetry frame when none was sent for 0.05 s, otherwise nothing."""
@@ -60,6 +62,7 @@ class Firmware:
             self.refused += 1
             return b""
         self._commands, self._commanded_s, self._echo_us = command.commands, now_s, command.time_us
+        self._by_name = dict(zip(self.actuators, self._commands, strict=True))
         return self._telemetry(now_s, answer=True)
 
     def _in_force(self, now_s: float) -> tuple[float, ...]:

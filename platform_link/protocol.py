@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -22,13 +21,16 @@ COMMANDS_PER_UNIT = 10**COMMAND_DIGITS
 """Commands travel as int16 in hundredths of the actuator's unit: +-327.67 in steps of 0.01."""
 
 _COMMAND, _TELEMETRY = 1, 2
-_HEADER = struct.Struct("<BBHIB")  # version, type, sequence, time or echo in us, number of channels
-_STATE = struct.Struct("<BHHH")  # flags, battery in mV, CRC errors, refused commands
+_HEADER = "<BBHIB"  # version, type, sequence, time or echo in us, number of channels
+_COUNT = struct.calcsize(_HEADER) - 1  # where that number stands
+_STATE = "BHHH"  # flags, battery in mV, CRC errors, refused commands
 _CRC = struct.Struct("<I")
+_INTACT = 0x2144DF1C  # CRC-32 of anything with its own CRC-32 behind it
 _DEAD_MAN, _ANSWER = 1, 2
 _NO_BATTERY = 0xFFFF
 _MOST = 32767
 _MAX_ENCODED = 254  # longest chunk for which COBS needs no code 0xFF
+_CODES = [bytes([length + 1]) for length in range(_MAX_ENCODED)]
 
 
 class Command(NamedTuple):
@@ -63,30 +65,27 @@ def encode(message: Command | Telemetry) -> bytes:
 
     Raises ValueError when there are more than `MAX_CHANNELS` commands.
     """
-    if len(message.commands) > MAX_CHANNELS:
-        raise ValueError(f"{len(message.commands)} channels; the protocol carries {MAX_CHANNELS}")
+    count, seq = len(message.commands), message.seq & 0xFFFF
+    if count > MAX_CHANNELS:
+        raise ValueError(f"{count} channels; the protocol carries {MAX_CHANNELS}")
+    channels = [round(c * COMMANDS_PER_UNIT) for c in message.commands]
+    if count and not -_MOST <= min(channels) <= max(channels) <= _MOST:
+        channels = [min(max(c, -_MOST), _MOST) for c in channels]
     if isinstance(message, Command):
-        body = _header(_COMMAND, message.seq, message.time_us, message.commands)
+        time_us = message.time_us & 0xFFFFFFFF
+        body = _layout(_COMMAND, count).pack(VERSION, _COMMAND, seq, time_us, count, *channels)
     else:
         flags = message.dead_man * _DEAD_MAN | message.answer * _ANSWER
         battery = _NO_BATTERY if message.battery_v is None else min(max(round(1e3 * message.battery_v), 0), 0xFFFE)
-        body = _header(_TELEMETRY, message.seq, message.echo_us, message.commands) + _STATE.pack(
-            flags, battery, message.crc_errors & 0xFFFF, message.refused & 0xFFFF
-        )
+        state = flags, battery, message.crc_errors & 0xFFFF, message.refused & 0xFFFF
+        echo_us = message.echo_us & 0xFFFFFFFF
+        body = _layout(_TELEMETRY, count).pack(VERSION, _TELEMETRY, seq, echo_us, count, *channels, *state)
     return b"\0" + _cobs(body + _CRC.pack(zlib.crc32(body))) + b"\0"
 
 
-def _header(kind: int, seq: int, time_us: int, commands: Sequence[float]) -> bytes:
-    scaled = [round(c * COMMANDS_PER_UNIT) for c in commands]
-    count = len(scaled)
-    if count and not -_MOST <= min(scaled) <= max(scaled) <= _MOST:
-        scaled = [min(max(c, -_MOST), _MOST) for c in scaled]
-    return _HEADER.pack(VERSION, kind, seq & 0xFFFF, time_us & 0xFFFFFFFF, count) + _channels(count).pack(*scaled)
-
-
 @cache
-def _channels(count: int) -> struct.Struct:
-    return struct.Struct(f"<{count}h")
+def _layout(kind: int, count: int) -> struct.Struct:
+    return struct.Struct(f"{_HEADER}{count}h{_STATE if kind == _TELEMETRY else ''}")
 
 
 class Decoder:
@@ -98,43 +97,41 @@ class Decoder:
         self.discarded_bytes = 0
         self.unknown = 0
         """Intact frames of another version or type."""
-        self._buffer = bytearray()
+        self._buffer = b""
 
     def feed(self, data: bytes) -> list[Command | Telemetry]:
         """Return the messages that these bytes complete, oldest first."""
         if not data:
             return []
-        self._buffer += data
-        *chunks, rest = self._buffer.split(b"\0")
-        self._buffer = rest
-        messages = [message for chunk in chunks if chunk and (message := self._message(bytes(chunk))) is not None]
+        *chunks, rest = (self._buffer + data).split(b"\0")
+        messages = [message for chunk in chunks if chunk and (message := self._message(chunk)) is not None]
         if len(rest) > _MAX_ENCODED:  # noise: keep just enough of it to count it once, at its end
             self.discarded_bytes += len(rest) - _MAX_ENCODED - 1
-            del rest[_MAX_ENCODED + 1 :]
+            rest = rest[: _MAX_ENCODED + 1]
+        self._buffer = rest
         return messages
 
     def _message(self, chunk: bytes) -> Command | Telemetry | None:
         content = _uncobs(chunk)
-        body = content[: -_CRC.size]
-        if len(body) < _HEADER.size or _CRC.pack(zlib.crc32(body)) != content[-_CRC.size :]:
+        if len(content) <= _COUNT + _CRC.size or zlib.crc32(content) != _INTACT:
             self.crc_errors += 1
             self.discarded_bytes += len(chunk)
             return None
-        message = _parse(body)
+        message = _parse(content[: -_CRC.size])
         self.unknown += message is None
         return message
 
 
 def _parse(body: bytes) -> Command | Telemetry | None:
-    version, kind, seq, time_us, count = _HEADER.unpack_from(body)
-    end = _HEADER.size + 2 * count
-    length = end + (_STATE.size if kind == _TELEMETRY else 0)
-    if version != VERSION or kind not in (_COMMAND, _TELEMETRY) or len(body) != length:
+    version, kind, count = body[0], body[1], body[_COUNT]
+    layout = _layout(kind, count)
+    if version != VERSION or kind not in (_COMMAND, _TELEMETRY) or len(body) != layout.size:
         return None
-    commands = tuple([c / COMMANDS_PER_UNIT for c in _channels(count).unpack_from(body, _HEADER.size)])
+    _, _, seq, time_us, *values = layout.unpack(body)
+    commands = tuple([c / COMMANDS_PER_UNIT for c in values[1 : 1 + count]])
     if kind == _COMMAND:
         return Command(seq, time_us, commands)
-    flags, battery, crc_errors, refused = _STATE.unpack_from(body, end)
+    flags, battery, crc_errors, refused = values[1 + count :]
     battery_v = None if battery == _NO_BATTERY else battery * 1e-3
     return Telemetry(
         seq, time_us, bool(flags & _ANSWER), bool(flags & _DEAD_MAN), commands, battery_v, crc_errors, refused
@@ -143,13 +140,7 @@ def _parse(body: bytes) -> Command | Telemetry | None:
 
 def _cobs(content: bytes) -> bytes:
     """Return content without its zeros: each stretch up to one gets its length + 1 in front (Cheshire, Baker 1999)."""
-    frame, end = bytearray(b"\0" + content + b"\0"), len(content) + 1
-    code = 0
-    while code < end:  # a code stands where the zero before its stretch was
-        following = frame.index(0, code + 1)
-        frame[code] = following - code
-        code = following
-    return bytes(frame[:end])
+    return b"".join([_CODES[len(stretch)] + stretch for stretch in content.split(b"\0")])
 
 
 def _uncobs(chunk: bytes) -> bytes:

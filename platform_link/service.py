@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Sequence
+from operator import le
 
 from bus import topics
 from bus.config import Deployment, Section
@@ -51,6 +52,7 @@ class PlatformLink(Service):
     def __init__(self, config: PlatformLinkConfig, vessel: Vessel, deployment: Deployment) -> None:
         self._uri = f"pty://{deployment.run_dir.absolute() / 'platform'}" if config.uri == "pty://" else config.uri
         self._limits = {a.name: (a.lowest, a.n_max) for a in vessel.actuators}
+        self._lowest, self._highest = [a.lowest for a in vessel.actuators], [a.n_max for a in vessel.actuators]
         if len(self._limits) > MAX_CHANNELS:
             raise ValueError(f"{vessel.name}: {len(self._limits)} actuators; the link carries {MAX_CHANNELS}")
         self._zeros = (0.0,) * len(self._limits)
@@ -112,11 +114,11 @@ class PlatformLink(Service):
         if command.commands.keys() != self._limits.keys():
             self._reject(f"refused: it is for {', '.join(command.commands)}; the vessel has {', '.join(self._limits)}")
             return self._zeros
-        asked = [command.commands[name] for name in self._limits]
-        wanted = [min(max(n, low), high) for n, (low, high) in zip(asked, self._limits.values(), strict=True)]
-        if wanted != asked:
-            self._reject(f"clamped to the vessel's limits: {command.commands}")
-        return tuple(wanted)
+        asked = tuple([command.commands[name] for name in self._limits])
+        if all(map(le, self._lowest, asked)) and all(map(le, asked, self._highest)):
+            return asked
+        self._reject(f"clamped to the vessel's limits: {command.commands}")
+        return tuple(map(min, map(max, asked, self._lowest), self._highest))
 
     def _reject(self, reason: str) -> None:
         if not self.command.updated:  # the same command, sent again
