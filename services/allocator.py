@@ -18,7 +18,7 @@ from marine.vessel import COMMAND_DIGITS, Vessel
 from services.actuator_health import Crew, Refused
 
 TELL_S = 1.0
-_DEMANDED_FIELDS = tuple(f"demanded_{field}" for field in WRENCH_FIELDS)
+_FIELDS = [(axis, field, f"demanded_{field}") for axis, field in enumerate(WRENCH_FIELDS)]
 _OPEN_LOOP = ("manual", "experiment")
 """Modes in which thrusts stay steady while the wrench does: an experiment measures what they do."""
 _NEGLIGIBLE = 1e-6
@@ -106,7 +106,6 @@ class Allocator(Service):
         axes = allocation.axes
         self._tolerances = [(axis, _NEGLIGIBLE * allocation.reach[axis]) for axis in axes]
         self._ignored = [axis for axis in range(len(AXES)) if axis not in axes]
-        self._controlled = {WRENCH_FIELDS[axis] for axis in axes}
         reason = self._crew.health().reason
         if reason and reason != self.note:
             self.log.warning(reason)
@@ -141,11 +140,11 @@ class Allocator(Service):
         attained = answer.attained
         missed = any(abs(attained[axis] - tau[axis]) > tolerance for axis, tolerance in self._tolerances)
         told: dict[str, float] = {}
-        for field, demanded_field, value in zip(WRENCH_FIELDS, _DEMANDED_FIELDS, attained, strict=True):
+        for axis, field, demanded_field in _FIELDS:
             if (demanded := getattr(wrench, field)) is not None:
                 told[demanded_field] = demanded
-            if demanded is not None or field in self._controlled:
-                told[field] = value
+            if demanded is not None or axis in self._allocation.axes:
+                told[field] = attained[axis]
         self.attained.publish(
             AttainedWrench(
                 origin_ns=wrench.origin_ns,

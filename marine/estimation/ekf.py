@@ -8,6 +8,7 @@ noise, the disturbances being random walks otherwise. Measurement: the pose, the
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -70,7 +71,7 @@ class PoseEkf:
         disturbance = [t.initial_force_n**2, t.initial_force_n**2, t.initial_moment_nm**2]
         self.covariance: Array = np.diag(noise + loose + disturbance)
         """(9, 9), in the order and the units of the state."""
-        self._noise = np.diag(noise)
+        self._noise: list[list[float]] = np.diag(noise).tolist()
         self._fresh = np.diag(noise + loose)
         walks = [t.velocity_walk_m_s] * 2 + [t.yaw_rate_walk_rad_s] + [t.force_walk_n] * 2 + [t.moment_walk_nm]
         self._walk = np.diag([0.0] * 3 + [w * w for w in walks])
@@ -129,7 +130,9 @@ class PoseEkf:
         P = self.covariance
         PH = P[:, :3]
         e_x, e_y, e_psi = x_m - x, y_m - y, wrap_angle(psi_rad - psi)
-        S_inverse = inverse((PH[:3] + (self._noise if noise is None else noise)).tolist())
+        (a, b, c), (_, d, e), (_, _, f) = PH[:3].tolist()
+        (xx, xy, xp), (_, yy, yp), (_, _, pp) = self._noise if noise is None else noise.tolist()
+        S_inverse = inverse(((a + xx, b + xy, c + xp), (b + xy, d + yy, e + yp), (c + xp, e + yp, f + pp)))
         (a, b, c), (_, d, e), (_, _, f) = S_inverse
         w = (a * e_x + b * e_y + c * e_psi, b * e_x + d * e_y + e * e_psi, c * e_x + e * e_y + f * e_psi)
         if not w[0] * e_x + w[1] * e_y + w[2] * e_psi <= self.tuning.gate:  # not a number is refused, too
@@ -174,7 +177,7 @@ def _decay(dof: DegreeOfFreedom, nu: float, dt_s: float) -> float:
     return 1.0 - dt_s * (dof.beta + 2.0 * dof.beta_quadratic * abs(nu)) / dof.alpha
 
 
-def inverse(S: list[list[float]]) -> tuple[tuple[float, float, float], ...]:
+def inverse(S: Sequence[Sequence[float]]) -> tuple[tuple[float, float, float], ...]:
     """Return the inverse of a symmetric positive 3 x 3 matrix: a tenth of what numpy.linalg.inv costs."""
     (a, b, c), (_, d, e), (_, _, f) = S
     A, B, C = d * f - e * e, c * e - b * f, b * e - c * d

@@ -12,7 +12,7 @@ from marine.actuators.rudder import linear_force
 from marine.allocation import Wrench, allocation_matrix
 from marine.allocation.of_vessel import rudder_column
 from marine.dynamics.small_vessel import mean_square
-from marine.vessel import BilinearThrust, Rudder, Thruster, Vessel
+from marine.vessel import BilinearThrust, Rudder, SmallVesselModel, Thruster, Vessel
 
 
 @dataclass(frozen=True)
@@ -41,13 +41,14 @@ class Actuators:
         """Where each actuator is, in the unit of its command."""
         self.wrench = NO_WRENCH
         self.n_squared = 0.0
-        """Mean square of the thrusters' commands as they turn: the setting n^2 of thesis (2.38)."""
+        """Mean square of the thrusters' commands as they turn: the setting n^2 of thesis (2.38), for models of that."""
         self._targets = dict(self.values)
         self._actuators = vessel.actuators
         self._columns = [tuple(column) for column in allocation_matrix(vessel.actuators).T.tolist()]
         self._drives = {a.name: Drive(a) for a in vessel.actuators if not isinstance(a, Rudder)}
         self._limits = {a.name: (a.lowest, a.n_max) for a in vessel.actuators}
-        self._thrusters = [a.name for a in vessel.actuators if isinstance(a, Thruster)]
+        feel_setting = isinstance(vessel.dynamics, SmallVesselModel)
+        self._thrusters = [a.name for a in vessel.actuators if feel_setting and isinstance(a, Thruster)]
         self._slow = [a for a in vessel.actuators if a.lag_s > 0.0 or a.rate_per_s is not None]
         self.feel_flow = any(
             (isinstance(a, Rudder) and a.k_r1 > 0.0)
