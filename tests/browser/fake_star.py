@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -113,7 +113,8 @@ class FakeVessel(Service):
         self.black = self.board = False
         self.pictures = 0
         self.faults: list[m.SimulationFault] = []
-        self.failed: dict[str, Literal["configuration", "operator", "detected"]] = {}
+        self.crew = m.ActuatorHealth()
+        self._crew_told_s = 0.0
         self.circles = True
         self.jumps = self.rejected = 0
         self._noise = np.random.default_rng(1)
@@ -121,9 +122,14 @@ class FakeVessel(Service):
 
     def step(self, now_s: float) -> None:
         for word in self.word.take():
-            self.failed = {} if word.works else {word.actuator: "operator"}
-            reason = "" if word.works else f"{word.actuator} has failed (operator)"
-            self.health.publish(m.ActuatorHealth(failed=self.failed, reason=reason))
+            self.crew = m.ActuatorHealth()
+            if not word.works:
+                self.crew = m.ActuatorHealth(
+                    failed={word.actuator: "operator"}, reason=f"{word.actuator} has failed (operator)"
+                )
+        if now_s - self._crew_told_s > 0.2:  # the page forgets it when it is not told again
+            self._crew_told_s = now_s
+            self.health.publish(self.crew.model_copy())
         self.faults += self.fault.take()
         for fault in self.fault.take():
             self.black = fault.active if fault.kind == "camera_black" else self.black and fault.kind != "clear"

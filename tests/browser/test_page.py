@@ -292,20 +292,24 @@ def test_a_thruster_is_left_out_and_works_again(page: Page, star: FakeStar) -> N
     expect(row).to_have_attribute("data-level", "error")
     expect(row).to_contain_text("failed (operator)")
     expect(page.locator("#banner")).to_contain_text("front_port has failed")
-    wait_for(lambda: star.vessel.failed == {"front_port": "operator"}, "the operator's word")
+    wait_for(lambda: star.vessel.crew.failed == {"front_port": "operator"}, "the operator's word")
     row.get_by_role("button", name="Works again").click()
     expect(row).to_have_attribute("data-level", "ok")
-    assert star.vessel.failed == {}
+    assert star.vessel.crew.failed == {}
 
 
 def test_a_detected_failure_is_left_out_from_the_banner(page: Page, star: FakeStar) -> None:
     expect(page.locator("#banner-action")).to_be_hidden()
-    told = m.ActuatorHealth(lost={"rear_port": 0.93}, reason="rear_port has lost 93 % of its thrust")
-    star.publish(topics.ACTUATOR_HEALTH, told)
+    star.vessel.crew = m.ActuatorHealth(lost={"rear_port": 0.93}, reason="rear_port has lost 93 % of its thrust")
     expect(page.locator("#banner")).to_contain_text("rear_port has lost 93 %")
     page.click("#banner-action")
-    wait_for(lambda: star.vessel.failed == {"rear_port": "operator"}, "the operator's word")
+    wait_for(lambda: star.vessel.crew.failed == {"rear_port": "operator"}, "the operator's word")
     expect(page.locator("#banner")).to_contain_text("rear_port has failed (operator)")
+    expect(page.locator("#banner-action")).to_be_hidden()
+    star.vessel.crew = m.ActuatorHealth(failed={"rear_port": "detected"}, reason="rear_port has failed (detected)")
+    expect(page.locator("#banner-action")).to_have_text("rear_port works again")
+    page.click("#banner-action")
+    wait_for(lambda: star.vessel.crew.failed == {}, "the operator's word")
     expect(page.locator("#banner-action")).to_be_hidden()
 
 

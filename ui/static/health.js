@@ -178,8 +178,11 @@ export class Health {
     }
     const health = this.store.fresh("actuator/health", DEAD_S);
     const detected = Object.keys(health?.lost ?? {}).find((name) => !(name in health.failed));
-    const leaveOut = detected && { label: `Leave ${detected} out`, run: () => this.say(detected, false) };
-    if (health?.reason) alarms.push(["warn", "Actuator", ` ${health.reason}`, leaveOut]);
+    const [leftOut] = Object.entries(health?.failed ?? {}).find(([, why]) => why === "detected") ?? [];
+    const remedy = detected
+      ? { label: `Leave ${detected} out`, run: () => this.say(detected, false) }
+      : leftOut && { label: `${leftOut} works again`, run: () => this.say(leftOut, true) };
+    if (health?.reason) alarms.push(["warn", "Actuator", ` ${health.reason}`, remedy]);
     if (link?.state === "disconnected") alarms.push(["warn", "Radio link down", ` ${link.error}`]);
     return alarms;
   }
