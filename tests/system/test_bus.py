@@ -19,7 +19,7 @@ from benchmarks.running_star import free_port, wait_for
 from bus import topics
 from bus.hub import is_latched
 from bus.messages import HubStatistics, LinkStatus, Wrench
-from bus.service import Input, Service
+from bus.service import Input, RawSample, Service
 from bus.store import Store
 from bus.topics import CONTROL_WRENCH, HUB_STATISTICS, LINK_STATUS
 from bus.zenoh_bus import HubBus, HubUnreachableError, LastValue, ZenohBus
@@ -239,6 +239,25 @@ def test_no_wrench_counts_as_anothers_while_clients_return_to_a_hub_that_hung() 
                 taken += len(messages)
                 assert {m.source for m in messages} <= {port.topic.publisher}, port.topic.key
         assert taken > 1000
+
+
+def test_a_receiving_thread_keeps_its_python_state(pair: HubPair) -> None:
+    """A new one for each message would cost three times the message; it would also forget what is the thread's own."""
+    sender, reader = pair.client(), pair.client()
+    own = threading.local()
+    numbers: list[int] = []
+
+    def hear(_: RawSample) -> None:
+        own.number = getattr(own, "number", 0) + 1
+        numbers.append(own.number)
+
+    reader.subscribe("guest/number", hear)
+
+    def goes_on() -> bool:
+        sender.put("guest/number", b"1")
+        return max(numbers, default=0) > 3
+
+    wait_for(goes_on, 5.0, "one thread counts on")
 
 
 # --- subscriptions ----------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
 from collections.abc import Iterator
@@ -125,3 +126,14 @@ def test_a_failing_step_fails_the_loop(rig: Rig) -> None:
     with pytest.raises(ZeroDivisionError, match="here"), rig.turns:
         pass
     rig.turns.end()  # the loop's own thread does not wait for itself
+
+
+def test_many_wakes_are_one_until_the_loop_looks_and_the_next_one_counts_again() -> None:
+    waker = _Waker()
+    with contextlib.closing(waker):
+        for _ in range(3):
+            for _ in range(5):
+                waker.wake()
+            waker.clear()
+            with pytest.raises(BlockingIOError):  # nothing is left
+                waker.clear()
