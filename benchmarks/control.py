@@ -3,32 +3,47 @@
 from __future__ import annotations
 
 import time
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.result import Result
+from bus.messages import HelmState, WallState, WayPoint
 from marine.allocation import axis_limits
 from marine.control.base import ZERO, Reference
 from marine.control.laws import known_laws
 from marine.control.model_function import bessel
 from marine.control.stability import drag_bound
+from marine.guidance.reference_filter import ReferenceFilter
+from services.controller import ControllerConfig
+from services.guidance import Guidance, Seen, Tools, guidance_for
+from services.tuning import horizontal_limits
 from services.vessels import load_vessel
 
 Array = NDArray[np.float64]
 
 CASES = 1000
 STEPS = 20_000
+MODES: tuple[tuple[str, Literal["direct", "indirect", "line_of_sight"]], ...] = (
+    ("pladypos", "direct"),
+    ("videoray", "direct"),
+    ("charlie", "direct"),
+    ("charlie", "indirect"),
+    ("charlie", "line_of_sight"),
+)
+"""Vessels, and how one that steers only follows a line."""
 
 
 def measure() -> list[Result]:
     """Return the time of a control step of each law, and the share of unstable designs."""
     results = [
-        Result(f"control_step_{name}_p99_us", _step_us(name), {"p50": _step_us(name, 50.0)}, goal=100.0)
+        Result(f"control_step_{name}_p99_us", step_us(name), {"p50": step_us(name, 50.0)}, goal=100.0)
         for name in known_laws()
     ]
     return [
         *results,
+        *(Result(f"control_step_{mode}_p99_us", us, goal=100.0) for mode, us in mode_steps_us().items()),
         Result(
             "unstable_designs_within_bounds_percent",
             100.0 * unstable_share(CASES, within=True),
@@ -42,7 +57,7 @@ def measure() -> list[Result]:
     ]
 
 
-def _step_us(name: str, percent: float = 99.0) -> float:
+def step_us(name: str, percent: float = 99.0, steps: int = STEPS) -> float:
     vessel = load_vessel("pladypos")
     reach = axis_limits(vessel)
     law = known_laws()[name].for_vessel(known_laws()[name].Parameters(), vessel, (reach[0], reach[1], reach[5]))
@@ -50,9 +65,45 @@ def _step_us(name: str, percent: float = 99.0) -> float:
     law.follow(eta, nu, ZERO)
     times = []
     reference = Reference((1.5, 0.7, -3.0), (0.1, 0.0, 0.2), (0.01, 0.0, 0.1))
-    for _ in range(STEPS):
+    for _ in range(steps):
         begin = time.perf_counter()
         law.step(0.033, reference, eta, nu, (-0.1, 0.0, 0.0), (0.1, 0.0, 0.0))
+        times.append(time.perf_counter() - begin)
+    return 1e6 * float(np.percentile(times, percent))
+
+
+def mode_steps_us(steps: int = 2000, percent: float = 99.0) -> dict[str, float]:
+    """Return vessel and law of helm/state (of lines also how) -> time of a step of the guidance, us."""
+    found: dict[str, float] = {}
+    for name, line in MODES:
+        vessel, config = load_vessel(name), ControllerConfig(line=line)
+        limits = horizontal_limits(vessel)
+        motion = config.reference_filter.motion(vessel, limits)
+        law = config.build("ipd", vessel, limits) if "Y" in vessel.controlled else None
+        tools = Tools(vessel, limits, law, motion, ReferenceFilter(motion), config, config.steering)
+        laws = guidance_for(tools)[0]
+        del laws["depth"]  # the stick's: heave is a loop of its own beside all modes
+        for kind, guidance in laws.items():
+            how = f"_{line}" if kind == "path" and law is None else ""
+            found[f"{name}_{kind}{how}"] = _guidance_us(guidance, kind, steps, percent)
+    return found
+
+
+def _guidance_us(guidance: Guidance, law: str, steps: int, percent: float) -> float:
+    points = tuple(WayPoint(x_m=x, y_m=y) for x, y in ((1.0, 1.0), (3.0, 1.0), (3.0, 3.0)))
+    order = HelmState(
+        mode="path", status="armed", law=law, x_m=2.0, y_m=1.0, psi_rad=1.0, speed_m_s=0.2, distance_m=0.5,
+        points=points if law == "path" else (), request_id="1",
+    )  # fmt: skip
+    wall = WallState(status="tracking", distance_m=0.6, angle_rad=0.1, surge_m_s=0.02, yaw_rad_s=0.01)
+    eta, nu, given = (1.5, 1.1, 0.2), (0.1, -0.05, 0.1), (0.2, 0.0, 0.01)
+    seen = Seen(0.0, eta, nu, given, ZERO, (0.1, 0.0, 0.0), (True, True, True), 0.0, wall)
+    guidance.engage(order, seen)
+    guidance.step(order, seen)
+    seen, times = seen._replace(dt_s=0.033), []
+    for _ in range(steps):
+        begin = time.perf_counter()
+        guidance.step(order, seen)
         times.append(time.perf_counter() - begin)
     return 1e6 * float(np.percentile(times, percent))
 
