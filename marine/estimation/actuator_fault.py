@@ -196,10 +196,10 @@ class FaultDetector:
         n = self._size
         tau = self._columns @ (thrusts * (1.0 - self.lost))
         _, _, psi, *nu = ekf.state
-        drag = np.array([axis.drag(speed) for axis, speed in zip(self._axes, nu, strict=True)])
+        drag = [axis.drag(speed) for axis, speed in zip(self._axes, nu, strict=True)]
         X, Y, N = tau.tolist()
         F = ekf.predict(dt_s, (X, Y, N))
-        ekf.covariance[_NU, _NU] += self._model_noise(thrusts, drag, nu) * dt_s
+        ekf.covariance[_NU, _NU] += [dt_s * variance for variance in self._model_noise(thrusts, drag, nu)]
         forces, (of_drag, of_inertia), h = self._forces, self._diagonals, 0.5 * dt_s
         forces[:, :, :n] = (self._columns * thrusts)[:, None, :]
         forces[:, :, -n:] = self._columns[:, None, :] * (thrusts - self._origin)
@@ -211,16 +211,16 @@ class FaultDetector:
         error[:3] += np.array([(h * c, -h * s, 0.0), (h * s, h * c, 0.0), (0.0, 0.0, h)]).dot(gained)
         error[3:6] += gained
 
-    def _model_noise(self, thrusts: Array, drag: Array, nu: Sequence[float]) -> Array:
+    def _model_noise(self, thrusts: Array, drag: Sequence[float], nu: Sequence[float]) -> list[float]:
         """Return the variance that errors of the model add to each velocity per second. nu: speeds, m/s and rad/s."""
-        t = self.tuning
-        slopes = [
-            axis.beta + 2.0 * axis.beta_quadratic * abs(speed) for axis, speed in zip(self._axes, nu, strict=True)
-        ]
-        slopes[2] = 0.0  # a current does not turn
-        of_current = np.square(slopes) * t.current_change_m_s**2
-        of_forces = (self._columns_squared.dot(np.square(thrusts)) + np.square(drag)) * t.model_noise**2
-        return np.asarray((of_forces + of_current) / np.square(self._inertia) * (2.0 * t.model_noise_s))
+        t, noise = self.tuning, []
+        squares = self._columns_squared.dot(np.square(thrusts)).tolist()
+        changes = (t.current_change_m_s, t.current_change_m_s, 0.0)  # a current does not turn
+        for axis, change, square, force, speed in zip(self._axes, changes, squares, drag, nu, strict=True):
+            of_forces = (square + force**2) * t.model_noise**2
+            of_current = ((axis.beta + 2.0 * axis.beta_quadratic * abs(speed)) * change) ** 2
+            noise.append((of_forces + of_current) / axis.alpha**2 * (2.0 * t.model_noise_s))
+        return noise
 
     def _update(self, ekf: PoseEkf, x_m: float, y_m: float, psi_rad: float) -> Verdict:
         x, y, psi = ekf.state[:3]
