@@ -10,7 +10,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 
 from camera_tracker.sources import Image
@@ -45,7 +44,7 @@ class Region(NamedTuple):
         y1 = max(min(math.ceil(y_px + half_px) + 1, height), y0 + 1)
         return cls(x0, y0, x1, y1)
 
-    def of(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    def of(self, image: NDArray[Any]) -> NDArray[Any]:
         """Return the view of a picture."""
         return image[self.y0 : self.y1, self.x0 : self.x1]
 

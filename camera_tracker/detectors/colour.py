@@ -189,9 +189,9 @@ def measure_patch(
     b = blob.box
     far = _SURROUNDINGS_PX
     box = Region(max(b.x0 - far, 0), max(b.y0 - far, 0), min(b.x1 + far, width), min(b.y1 + far, height))
-    piece = (labels[box.y0 : box.y1, box.x0 : box.x1] == blob.label).view(np.uint8)
-    around = cv2.boxFilter(piece, -1, (5, 5), normalize=False)
-    core, near = around == 25, around > 1
+    piece = cv2.compare(box.of(labels), blob.label, cv2.CMP_EQ)  # type: ignore[call-overload]  # a number will do
+    around = cv2.blur(piece, (5, 5))
+    core, near = around == 255, around > 10  # all of the 25, at least two of them
     ring = cv2.dilate(near.view(np.uint8), _DISC).view(np.bool_) ^ near
     if allowed is not None:
         ignored = box.of(allowed) == 0

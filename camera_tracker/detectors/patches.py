@@ -15,16 +15,13 @@ from camera_tracker.detectors.base import GOOD_QUALITY, Detection, Detector, Pre
 from camera_tracker.sources import Image
 
 _REDUCTION = 4
-"""A search looks at every fourth px of every fourth row, of large patches (`_LARGE_PX2`) every eighth row."""
+"""A search looks at every fourth px of every fourth row, for large patches (`_LARGE_PX2`) at every eighth."""
 _LARGE_PX2 = 400.0
 _SMALL_PX = 160
 _COARSE_WIDTH_PX = 640
 _MAX_LOOKS = 3
 """How many places are examined for one vehicle in one picture."""
 _MAX_BLOBS = 12
-
-Step = tuple[int, int]
-"""One px of so many columns and rows."""
 
 
 class PatchDetector(Detector):
@@ -53,7 +50,7 @@ class PatchDetector(Detector):
         return min(poses or self._poses(image, vehicle, region, region), key=cost, default=None)
 
     def search(self, image: Image, names: Iterable[str]) -> dict[str, Detection]:
-        """Return the vehicles found from the whole picture at 1/4; doubtful where two places fit alike."""
+        """Return the vehicles found from the whole picture at 1/8 or 1/4; doubtful where two places fit alike."""
         wanted = set(names)
         large = {n for n in wanted if (self._vehicles[n].area_px2 or 0.0) >= _LARGE_PX2}
         found = self._search(image, large, 2) if large else {}
@@ -61,19 +58,19 @@ class PatchDetector(Detector):
             found.update(self._search(image, rest, 1))
         return found
 
-    def _search(self, image: Image, names: set[str], rows: int) -> dict[str, Detection]:
-        """Search with every `rows`-th row of the reduced picture."""
+    def _search(self, image: Image, names: set[str], times: int) -> dict[str, Detection]:
+        """Search the picture reduced so many times more."""
         found: dict[str, Detection] = {}
         used: set[c.Blob] = set()
         looks: dict[str, int] = {}
-        for guess in sorted(self._guesses(image, names, rows), key=lambda guess: guess.misfit):
+        for guess in sorted(self._guesses(image, names, times), key=lambda guess: guess.misfit):
             name = guess.vehicle.name
             twice = name in found and guess.vehicle.spacing_px is not None
             if (name in found and not twice) or looks.get(name) == _MAX_LOOKS or not used.isdisjoint(guess.blobs):
                 continue
             looks[name] = looks.get(name, 0) + 1
-            region = Region.around(guess.x_px, guess.y_px, guess.extent_px + 4.0, image)
-            pose = min(self._poses(image, guess.vehicle, region, region), key=lambda pose: pose.misfit, default=None)
+            regions = (Region.around(blob.x_px, blob.y_px, guess.reach_px, image) for blob in guess.blobs)
+            pose = min(self._poses(image, guess.vehicle, *regions), key=lambda pose: pose.misfit, default=None)
             if pose is None:
                 continue
             if twice:
@@ -119,9 +116,9 @@ class PatchDetector(Detector):
             self._allowed = mask_without(self._config.ignore, image)
         return self._allowed
 
-    def _guesses(self, image: Image, names: set[str], rows: int) -> list[_Guess]:
+    def _guesses(self, image: Image, names: set[str], times: int) -> list[_Guess]:
         """Return where vehicles may be."""
-        small, step = _reduced(image, rows)
+        small, step = _reduced(image, times)
         allowed = self._mask(image)
         if allowed is not None:
             allowed = np.asarray(cv2.resize(allowed, small.shape[1::-1], interpolation=cv2.INTER_NEAREST), np.uint8)
@@ -141,10 +138,10 @@ class _Guess(NamedTuple):
     """A place where a vehicle may be, in px of the full picture."""
 
     vehicle: Vehicle
-    blobs: tuple[c.Blob, ...]
-    x_px: float
-    y_px: float
-    extent_px: float
+    blobs: tuple[c.Blob, c.Blob]
+    """Front and rear; of one patch twice the same."""
+    reach_px: float
+    """How far around each blob its patch may be."""
     misfit: float
 
 
@@ -156,54 +153,51 @@ def mask_without(ignore: Sequence[Rectangle], image: Image) -> c.Mask:
     return allowed
 
 
-def _reduced(image: Image, rows: int) -> tuple[Image, Step]:
-    """Return a picture at 1/4 size (a small one as it is, a huge one smaller) and by how much it was reduced.
+def _reduced(image: Image, times: int) -> tuple[Image, int]:
+    """Return a picture at 1/4 size (a small one as it is, a huge one smaller) or less, and by how much it was reduced.
 
-    One px of sixteen, or with rows = 2 of 32: enough for patches, and most of the cost is that of reading the picture
+    One px of sixteen, or with times = 2 of 64: enough for patches, and most of the cost is that of reading the picture
     from memory.
     """
     height, width = image.shape[:2]
     if min(height, width) < _SMALL_PX:
-        return image, (1, 1)
-    x = max(_REDUCTION, round(width / _COARSE_WIDTH_PX))
-    y = rows * x
-    taken = image[y // 2 : height // y * y : y, : width // x * x]
-    size = (width // x, len(taken))
-    if x % 4 == 0 and taken[0].flags.c_contiguous and taken.shape[1] * 3 % 4 == 0:
-        # In words of four bytes, which OpenCV picks four times faster than px of three: x px are 3 x / 4 words.
+        return image, 1
+    step = times * max(_REDUCTION, round(width / _COARSE_WIDTH_PX))
+    taken = image[step // 2 : height // step * step : step, : width // step * step]
+    size = (width // step, len(taken))
+    if step % 4 == 0 and taken[0].flags.c_contiguous and taken.shape[1] * 3 % 4 == 0:
+        # In words of four bytes, which OpenCV picks four times faster than px of three: 4 px are 3 words.
         words = taken.reshape(len(taken), -1).view(np.int32)
         picked = cv2.resize(words, size, interpolation=cv2.INTER_NEAREST).view(np.uint8)
         small = cv2.cvtColor(picked.reshape(size[1], size[0], 4), cv2.COLOR_BGRA2BGR)
     else:
         small = cv2.resize(taken, size, interpolation=cv2.INTER_NEAREST)
-    return np.asarray(small, np.uint8), (x, y)
+    return np.asarray(small, np.uint8), step
 
 
-def _blobs(mask: c.Mask, step: Step, min_area_px2: float) -> list[c.Blob]:
+def _blobs(mask: c.Mask, step: int, min_area_px2: float) -> list[c.Blob]:
     """Return the largest pieces of a mask of the reduced picture, in px of the whole one."""
     part = c.occupied(mask)
     if part is None:
         return []
-    x, y = step
-    enough = max(2.0, min_area_px2 / (x * y))  # mixed pixels at the edge do not count
+    enough = max(2.0, min_area_px2 / step**2)  # mixed pixels at the edge do not count
     return [
         blob._replace(
-            x_px=x * (blob.x_px + part.x0),
-            y_px=y * (blob.y_px + part.y0) + y // 2,
-            area_px2=x * y * blob.area_px2,
+            x_px=step * (blob.x_px + part.x0),
+            y_px=step * (blob.y_px + part.y0) + step // 2,
+            area_px2=step**2 * blob.area_px2,
         )
         for blob in c.find_blobs(part.of(mask), enough)[0][:_MAX_BLOBS]
     ]
 
 
-def _combine(vehicle: Vehicle, fronts: list[c.Blob], rears: list[c.Blob] | None, step: Step) -> list[_Guess]:
+def _combine(vehicle: Vehicle, fronts: list[c.Blob], rears: list[c.Blob] | None, step: int) -> list[_Guess]:
     guesses = []
     for front in fronts:
         for rear in [front] if rears is None else rears:
             distance = math.hypot(front.x_px - rear.x_px, front.y_px - rear.y_px)
-            size = 0.5 * (math.sqrt(front.area_px2) + math.sqrt(rear.area_px2)) + max(step)
+            size = 0.5 * (math.sqrt(front.area_px2) + math.sqrt(rear.area_px2)) + step
             misfit = 0.0 if rears is None else c.spacing_error(distance, vehicle.spacing_px, size)
             if misfit is not None:
-                x_px, y_px = 0.5 * (front.x_px + rear.x_px), 0.5 * (front.y_px + rear.y_px)
-                guesses.append(_Guess(vehicle, (front, rear), x_px, y_px, 0.5 * distance + 1.5 * size, misfit))
+                guesses.append(_Guess(vehicle, (front, rear), 1.5 * size + 4.0, misfit))
     return guesses
