@@ -280,9 +280,8 @@ class ZenohBus:
         for reply in self.session.get(self._key(pattern), timeout=timeout_s):
             if reply.ok is None:
                 continue
-            about = json.loads(reply.ok.attachment.to_bytes()) if reply.ok.attachment else {}
+            key, about = self._told(reply.ok)
             payload = reply.ok.payload.to_bytes() if about.get("kept", True) else None
-            key = about.get("key") or self._strip(str(reply.ok.key_expr))
             received_ns = about.get("received_ns", 0)
             if key not in found or found[key].received_ns < received_ns:  # two hubs may answer
                 count, rate_hz, source = about.get("count", 0), about.get("rate_hz", 0.0), about.get("source", "")
@@ -339,12 +338,17 @@ class ZenohBus:
 
     def _retained_handler(self, port: Input[Any]) -> Callable[[zenoh.Reply], None]:
         def take(reply: zenoh.Reply) -> None:
-            if reply.ok is not None and reply.ok.payload and reply.ok.attachment:
-                key = json.loads(reply.ok.attachment.to_bytes())["key"]
+            if reply.ok is not None and reply.ok.payload:
+                key, _ = self._told(reply.ok)
                 if port.is_pattern or key == port.topic.key:
                     port.offer_retained(reply.ok.payload.to_bytes(), key if port.is_pattern else "")
 
         return take
+
+    def _told(self, answer: zenoh.Sample) -> tuple[str, dict[str, Any]]:
+        """Return the key of a last value and what the hub knows of it."""
+        about = json.loads(answer.attachment.to_bytes()) if answer.attachment else {}
+        return about.get("key") or self._strip(str(answer.key_expr)), about
 
     def _raw_handler(
         self, offer: Callable[[RawSample], None], wake: Callable[[], None] | None = None
@@ -495,7 +499,7 @@ class HubBus(ZenohBus):
                 self.session.put(
                     self._key(_NEWS),
                     self._store.dump(now_ns),
-                    congestion_control=zenoh.CongestionControl.BLOCK,
+                    congestion_control=zenoh.CongestionControl.DROP,  # a hung standby holds up nobody; it asks, too
                     allowed_destination=zenoh.Locality.REMOTE,
                 )
 
