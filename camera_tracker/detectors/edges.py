@@ -33,15 +33,17 @@ class Outline(NamedTuple):
     """Four fitted edges. Edge i goes from corner i to corner i + 1.
 
     corners: px, clockwise. contrast: grey levels across each edge. inliers: part of the points of each edge
-    that lie on its line. std_px: of each edge's line, from the scatter of its points. bent_px: the part of that scatter
-    that is no noise, because neighbours have it in common: largest of the edges. widths_px: of each blurred edge,
-    standard deviation. step_px: how far the last iteration moved the lines. settled: whether that was near enough.
+    that lie on its line. std_px: of each edge's line, from the scatter of its points. noise_px: the same without the
+    part of that scatter that is no noise, because neighbours have it in common; bent_px: that part, of the worst edge.
+    widths_px: of each blurred edge, standard deviation. step_px: how far the last iteration moved the lines. settled:
+    whether that was near enough.
     """
 
     corners: list[Point]
     contrast: list[float]
     inliers: list[float]
     std_px: list[float]
+    noise_px: list[float]
     bent_px: float
     widths_px: list[float]
     step_px: float
@@ -113,6 +115,7 @@ def fit_outline(
         contrast=crossing.contrast,
         inliers=[n / count for n in inliers],
         std_px=[math.sqrt(s / max(n, 1.0)) for n, s in zip(inliers, spreads, strict=True)],
+        noise_px=[math.sqrt((s - b) / max(n, 1.0)) for n, s, b in zip(inliers, spreads, bent, strict=True)],
         bent_px=math.sqrt(max(bent)),
         widths_px=crossing.widths_px,
         step_px=step_px,

@@ -22,9 +22,9 @@ _FINE = 16
 """Px per module of the picture that is blurred."""
 _AROUND = 0.6
 """Modules of the white ring that are compared; further out the blur brings in what lies beyond it."""
-_ITERATIONS = 8
-_SETTLED = 1e-3
-"""Of half the marker's side: the next iteration would move it by a tenth of that."""
+_ITERATIONS, _BENT_ITERATIONS = 8, 20
+_SETTLED, _NEARLY_SETTLED = 1e-3, 5e-3
+"""Of half the marker's side: the next iteration would move it by a tenth of that; the last one may be the other."""
 
 
 def homography(corners: Sequence[Point]) -> Floats | None:
@@ -48,32 +48,42 @@ def align(
     pattern: NDArray[np.bool_],
     density: int,
     blur_modules: tuple[float, float],
-) -> list[Point] | None:
-    """Return the corners where a marker fits best, from near ones; None when it does not settle.
+    *,
+    bent: bool = False,
+) -> tuple[list[Point], Point] | None:
+    """Return the corners and the middle where a marker fits best, from near corners; None when it does not settle.
 
     pattern: (modules, modules), true where white, with the white ring and the black border; its first corner is
     corners[0]. density: places compared per module, each way. blur_modules: standard deviations of the
-    picture's blur along the marker's x and y.
+    picture's blur along the marker's x and y. bent: by a lens, to second order (what the homography has not of that is
+    one bend along u^2 and one along v^2): the middle is then not where the diagonals meet.
     """
-    places, solver = _model(pattern.tobytes(), len(pattern), density, *(round(10.0 * b) for b in blur_modules))
+    blur_tenths = round(10.0 * blur_modules[0]), round(10.0 * blur_modules[1])
+    places, squares, solver = _model(pattern.tobytes(), len(pattern), density, blur_tenths, bent)
     h = homography(corners)
     if h is None:
         return None
     n = math.isqrt(places.shape[1])
-    for _ in range(_ITERATIONS):
-        points = h.astype(np.float32) @ places
+    bend = np.zeros((3, 2), np.float32)
+    iterations = _BENT_ITERATIONS if bent else _ITERATIONS
+    for k in range(iterations):
+        points = h.astype(np.float32) @ (places + bend @ squares if bent else places)
         x, y = (points[:2] / points[2]).reshape(2, n, n)
         values = cv2.remap(grey, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         gain, _, *step = (solver @ values.ravel()).tolist()
         if gain <= 0:
             return None
         size = max(map(abs, step)) / gain
-        h = h @ _back([s / gain for s in step])
-        if size < _SETTLED:
-            (a, b, c), (d, e, f), (g, k, i) = h.tolist()
-            square = ((-1, -1), (1, -1), (1, 1), (-1, 1))
-            scaled = [(g * u + k * v + i, a * u + b * v + c, d * u + e * v + f) for u, v in square]
-            return [(x / w, y / w) for w, x, y in scaled]
+        h = h @ _back([s / gain for s in step[:8]])
+        if bent:
+            bend[:2] -= np.reshape(step[8:], (2, 2)) / gain
+        if size < (_SETTLED if k < iterations - 1 else _NEARLY_SETTLED):
+            (a, b, c), (d, e, f), (g, p, i) = h.tolist()
+            du, dv = bend[:2].sum(axis=1).tolist()
+            square = [(u + du, v + dv) for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1))] + [(0.0, 0.0)]
+            scaled = [(g * u + p * v + i, a * u + b * v + c, d * u + e * v + f) for u, v in square]
+            *ends, middle = [(x / w, y / w) for w, x, y in scaled]
+            return ends, middle
         if size > 0.3:
             return None
     return None
@@ -94,16 +104,16 @@ def _back(step: Sequence[float]) -> Floats:
 
 @lru_cache(maxsize=64)
 def _model(
-    pattern: bytes, modules: int, density: int, blur_x_tenths: int, blur_y_tenths: int
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the places compared (3, n * n) in half sides, and what turns grey levels there into ten numbers.
+    pattern: bytes, modules: int, density: int, blur_tenths: tuple[int, int], bent: bool
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    """Return the places compared (3, n * n) in half sides, their squares, and what turns grey levels into ten numbers.
 
     These are contrast, black level, and contrast times the eight changes of the homography (less one) by which the
-    template would have to be warped to look like the picture.
+    template would have to be warped to look like the picture; bent: and the four of (u, v) with u^2 and v^2.
     """
     white = np.frombuffer(pattern, np.bool_).reshape(modules, modules).astype(np.float32)
     fine = np.kron(white, np.ones((_FINE, _FINE), np.float32))
-    blur_x, blur_y = (max(0.1 * tenths, 0.05) * _FINE for tenths in (blur_x_tenths, blur_y_tenths))
+    blur_x, blur_y = (max(0.1 * tenths, 0.05) * _FINE for tenths in blur_tenths)
     fine = np.asarray(cv2.GaussianBlur(fine, (0, 0), blur_x, sigmaY=blur_y), np.float32)
     half = 0.5 * (modules - 2)
     at = np.arange(-half - _AROUND, half + _AROUND, 1.0 / density)
@@ -120,6 +130,9 @@ def _model(
     gu, gv, template = seen(right), seen(down), seen(fine)
     radial = -(gu * u + gv * v)
     columns = [template, np.ones_like(u), gu * u, gu * v, gu, gv * u, gv * v, gv, radial * u, radial * v]
+    if bent:
+        columns += [gu * u * u, gu * v * v, gv * u * u, gv * v * v]
     design = np.stack(columns)
     solver = np.linalg.solve(design @ design.T, design)
-    return np.stack([u, v, np.ones_like(u)]).astype(np.float32), solver.astype(np.float32)
+    places, squares = np.stack([u, v, np.ones_like(u)]), np.stack([u * u, v * v])
+    return places.astype(np.float32), squares.astype(np.float32), solver.astype(np.float32)

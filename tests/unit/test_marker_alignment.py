@@ -10,7 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks.tracker import NUMBER, SIZES, Scene, config_of, opencv, ours, peer
-from camera_tracker.detectors.square import load_code
+from camera_tracker.detectors.codes import load_code
+from camera_tracker.detectors.edges import middle_of
 from camera_tracker.detectors.template import align
 from camera_tracker.tracking import Tracker
 
@@ -36,9 +37,11 @@ def test_corners_in_perspective_are_found_from_a_pixel_and_a_half_away(turn: flo
     start = corners + np.array([(1.2, -0.9), (-0.8, 1.0), (1.0, 0.7), (0.6, -1.0)])
     found = align(grey, [(x, y) for x, y in start.tolist()], pattern, 8, (blur[0] / 9.5, blur[1] / 9.5))
     assert found is not None
+    at, middle = found
+    assert np.allclose(middle, np.array(middle_of(at)), atol=1e-6)
     even = blur[0] == blur[1]  # else the blur is known to a twentieth of a module only
-    assert np.abs(np.array(found) - corners).max() < (0.03 if even else 0.1)
-    assert np.abs((np.array(found) - corners).mean(axis=0)).max() < (0.01 if even else 0.05)
+    assert np.abs(np.array(at) - corners).max() < (0.03 if even else 0.1)
+    assert np.abs((np.array(at) - corners).mean(axis=0)).max() < (0.01 if even else 0.05)
 
 
 def test_what_is_not_the_marker_does_not_settle_on_it() -> None:

@@ -11,8 +11,8 @@ import pytest
 from bus.config import ConfigError, parse
 from camera_tracker.config import DICTIONARIES, CameraTrackerConfig, Vehicle
 from camera_tracker.detectors.base import Detection
+from camera_tracker.detectors.codes import load_code
 from camera_tracker.detectors.edges import heading_of, middle_of
-from camera_tracker.detectors.square import load_code
 from camera_tracker.sources import Image
 from camera_tracker.tracking import Tracker
 from services.simulator.camera import Renderer, SquareMarker

@@ -11,6 +11,7 @@ import pytest
 
 from camera_tracker.config import CameraTrackerConfig, Colour, Vehicle
 from camera_tracker.detectors.base import GOOD_QUALITY, Detection
+from camera_tracker.detectors.edges import middle_of
 from camera_tracker.sources import Image
 from camera_tracker.tracking import Tracker
 from services.simulator.camera import Renderer, Spot, SquareMarker
@@ -96,6 +97,54 @@ def test_no_good_pose_is_half_a_pixel_wrong_under_motion_blur(kind: str, motion_
             good += 1
             assert error_px(found, x_px, y_px) < 0.5, found
     assert good >= (25 if motion_px <= 6.0 else 0)
+
+
+def test_paper_over_the_border_does_not_shift_a_good_pose() -> None:
+    """A white strip along an edge makes a straight new edge: only the code tells that it is not the marker's."""
+    renderer, random, good = camera("square"), np.random.default_rng(2), 0
+    for _, x_px, y_px, psi in way(80):
+        image = renderer.render((x_px + 0.5) / SCALE, (y_px + 0.5) / SCALE, psi)
+        side = psi + 0.5 * math.pi * random.integers(4)
+        near, c, s = random.uniform(22.0, 31.0), math.cos(side), math.sin(side)
+        strip = [
+            (x_px + c * u - s * v, y_px + s * u + c * v) for u, v in ((near, -50), (60, -50), (60, 50), (near, 50))
+        ]
+        cv2.fillPoly(image, [np.round(np.array(strip) * 16).astype(np.int32)], (225, 225, 225), cv2.LINE_AA, 4)
+        found = Tracker(CONFIGS["square"]).track(image, 0).get("v")
+        if found is not None and found.quality >= GOOD_QUALITY:
+            good += 1
+            assert error_px(found, x_px, y_px) < 0.5, found
+    assert good > 5
+
+
+def bent(image: Image, x_px: float, y_px: float, k: float) -> tuple[Image, float, float]:
+    """Return a picture as a lens with barrel distortion sees it (k: at half its width), and where a point is in it."""
+    height, width = image.shape[:2]
+    y, x = np.indices((height, width), np.float32)
+    x, y, half = x - 0.5 * (width - 1), y - 0.5 * (height - 1), 0.5 * width
+    out = 1.0 + k * (x * x + y * y) / half**2
+    seen = cv2.remap(image, x * out + 0.5 * (width - 1), y * out + 0.5 * (height - 1), cv2.INTER_CUBIC)
+    u, v = x_px - 0.5 * (width - 1), y_px - 0.5 * (height - 1)
+    far, scale = math.hypot(u, v) / half, 1.0
+    for _ in range(30):
+        scale = 1.0 / (1.0 + k * (scale * far) ** 2)
+    return np.asarray(seen, np.uint8), u * scale + 0.5 * (width - 1), v * scale + 0.5 * (height - 1)
+
+
+def test_the_middle_of_a_large_marker_is_right_though_the_lens_bends_it() -> None:
+    renderer = Renderer(VESSEL, 5, square=SquareMarker("apriltag_36h11", 7, 150.0 / SCALE))
+    config = CameraTrackerConfig(vehicles=(Vehicle(name="v", dictionary="apriltag_36h11", marker=7),))
+    good, straight = [], []
+    for _, x_px, y_px, psi in way(30):
+        image = renderer.render((x_px + 0.5) / SCALE, (y_px + 0.5) / SCALE, 2.0 * psi)
+        seen, at_x, at_y = bent(image, x_px, y_px, 0.15)
+        found = Tracker(config).track(seen, 0)["v"]
+        if found.quality >= GOOD_QUALITY:
+            good.append(error_px(found, at_x, at_y))
+            straight.append(math.dist(middle_of([(x, y) for x, y in found.corners_px]), (at_x, at_y)))
+    assert len(good) > 25
+    assert max(good) < 0.3
+    assert np.median(straight) > 0.5, "where the diagonals meet"
 
 
 def test_compression_is_no_glare() -> None:
