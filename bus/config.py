@@ -21,6 +21,9 @@ class Section(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    def check_for(self, vessel: Any) -> None:
+        """Raise ConfigError when it does not suit the vessel (a marine.vessel.Vessel): asked before anything starts."""
+
 
 S = TypeVar("S", bound=BaseModel)
 

@@ -147,10 +147,15 @@ class Settings:
 
     def check(self) -> None:
         """Check every section that is given and the vessel file; raise ConfigError at the first mistake."""
+        vessel = load_vessel(self.system.vessel)
         for entry in self.processes:
             if entry.name in self.tables or entry.name in self.system.services:  # defaults need no import of the rest
-                self.section(entry)
-        load_vessel(self.system.vessel)
+                section = self.section(entry)
+                try:
+                    if section:
+                        section.check_for(vessel)
+                except ConfigError as error:
+                    raise ConfigError(f"{self.path or 'defaults'}: {error}") from None
 
     def at(self, warp: Warp) -> Settings:
         """Return the settings for time that runs faster; above `PICTURES_UP_TO` without pictures."""

@@ -18,7 +18,7 @@ from marine.control.tracking import missing_of
 from marine.guidance.reference_filter import MotionLimits, ReferenceFilter
 from marine.vessel import Vessel
 from services.guidance import DepthKeeping, DistanceGuidance, Guidance, GuidanceConfig, Seen, Tools, guidance_for
-from services.tuning import horizontal_limits, motion_for, parameters_of, serving
+from services.tuning import horizontal_limits, loops, motion_for, parameters_of, serving, too_late
 from services.tuning_desk import TuningDesk, answered
 
 STATUS_PERIOD_S = 0.2
@@ -76,13 +76,21 @@ class ControllerConfig(GuidanceConfig):
                 raise ValueError(f"no law is called {name!r}; known: {', '.join(known_laws())}")
         return {name: parameters_of(known_laws()[name], values) for name, values in laws.items()}
 
+    def check_for(self, vessel: Vessel) -> None:
+        """Raise ConfigError when the law in charge cannot be designed for the vessel, or would not be stable."""
+        if serving(vessel) == "positioning":
+            self.build(self.positioning, vessel, horizontal_limits(vessel))
+
     def build(self, name: str, vessel: Vessel, limits: Vector3) -> ControlLaw:
-        """Return a law for a vessel; raise ConfigError when it cannot be designed."""
-        law = known_laws()[name]
+        """Return a law for a vessel; raise ConfigError when it cannot be designed, or would not be stable."""
+        kind = known_laws()[name]
         try:
-            return law.for_vessel(self.laws.get(name, law.Parameters()), vessel, limits)
+            law = kind.for_vessel(self.laws.get(name, kind.Parameters()), vessel, limits)
         except ValueError as error:
             raise ConfigError(f"controller.laws.{name}: {error}") from None
+        if reason := next(filter(None, (too_late(loop, vessel, axis) for axis, loop in loops(law).items())), ""):
+            raise ConfigError(f"controller.laws.{name}: {reason}")
+        return law
 
 
 class Controller(Service):

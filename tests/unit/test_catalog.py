@@ -126,6 +126,24 @@ def test_only_what_a_file_says_is_checked_before_the_start(tmp_path: Path) -> No
         load_settings(path).check()
 
 
+@pytest.mark.parametrize(
+    ("controller", "says"),
+    [
+        ("[controller.laws.ipd]\nw0_rad_s = 20.0", "its delay margin is 0.023 s, and sensor and command take 0.050 s"),
+        ('[controller.laws.ipd]\nmodel_function = "1,1,2"', "is not stable"),
+        ("[controller.laws.lqr]\nposition_m = 1e-9\n[controller]\npositioning = 'lqr'", "would not be stable"),
+    ],
+)
+def test_gains_that_would_not_be_stable_are_refused_before_the_start(
+    tmp_path: Path, controller: str, says: str
+) -> None:
+    file = tmp_path / "own.toml"
+    file.write_text(controller)
+    with pytest.raises(ConfigError, match=says) as refused:
+        load_settings(file).check()
+    assert str(file) in str(refused.value)
+
+
 def test_the_diagram_shows_every_process() -> None:
     diagram = star_diagram()
     assert all(p.name in diagram for p in PROCESSES)
