@@ -61,7 +61,7 @@ def test_a_star_outlives_nonsense_on_every_key() -> None:
     with RunningStar() as star:
         star.hold(2.0, 1.5, 0.2, timeout_s=60.0)
         good: dict[str, bytes] = {}
-        star.bus.subscribe("**", lambda sample: good.setdefault(sample.key, sample.payload))
+        star.bus.subscribe("**", lambda sample: good.update({sample.key: sample.payload}))
         wait_for(lambda: {"camera/image", "helm/wrench", "service/helm/heartbeat"} <= good.keys(), 10.0, "examples")
         examples = dict(good)
         fuzzer = ZenohBus.connect(star.vessel, (star.hub, star.standby), 5.0)
