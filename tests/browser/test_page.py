@@ -436,10 +436,10 @@ def test_bad_measurements_are_told_with_their_reason(page: Page, star: FakeStar)
     expect(banner).to_contain_text("by 0.75 m and 0 degrees: believed after 5 poses. The vessel goes back slowly.")
     page.click("[data-tab=health]")
     nan = b'{"stamp_ns":1,"seq":1,"source":"x","client":"x","surge":NaN}'
-    star.do(lambda bus: star.vessel.joystick.offer(RawSample(topics.OPERATOR_JOYSTICK.key, nan, 0)))
+    star.do(lambda bus: star.vessel.joystick.offer(nan))
     row = page.locator('#health [data-service="simulator"]')
     expect(row).to_have_attribute("data-level", "warn")
-    expect(row).to_contain_text("operator/joystick: dropped a malformed message")
+    expect(row).to_contain_text("operator/joystick: dropped a malformed message: surge")
 
 
 @pytest.mark.parametrize("size", [DESK, TABLET, PHONE], ids=["desk", "tablet", "phone"])
