@@ -395,7 +395,7 @@ class HubBus(ZenohBus):
         self.hear(everything=True)
         self._kept += [
             session.declare_queryable(self._key(_DUMP), self._dump),
-            session.declare_subscriber(self._key(_NEWS), lambda sample: self._learn(sample.payload)),
+            session.declare_subscriber(self._key(_NEWS), self._hear_news),
             session.declare_queryable(self._key(_TIME), self._tell_time, complete=True),
         ]
         self._answers = session.declare_queryable(self._key("**"), self._answer)
@@ -526,6 +526,10 @@ class HubBus(ZenohBus):
         if self._heard is None:
             self._pulled_to_ns = self._store.newest_ns
         self.pulled = True
+
+    def _hear_news(self, sample: zenoh.Sample) -> None:
+        if self._heard is None:  # who listens would count it twice
+            self._learn(sample.payload)
 
     def _learn(self, dumped: zenoh.ZBytes) -> None:
         try:
