@@ -79,7 +79,7 @@ def align(
             bend[:2] -= np.reshape(step[8:], (2, 2)) / gain
         if size < (_SETTLED if k < iterations - 1 else _NEARLY_SETTLED):
             (a, b, c), (d, e, f), (g, p, i) = h.tolist()
-            du, dv = bend[:2].sum(axis=1).tolist()
+            du, dv = bend[:2].sum(axis=1).tolist() if bent else (0.0, 0.0)
             square = [(u + du, v + dv) for u, v in ((-1, -1), (1, -1), (1, 1), (-1, 1))] + [(0.0, 0.0)]
             scaled = [(g * u + p * v + i, a * u + b * v + c, d * u + e * v + f) for u, v in square]
             *ends, middle = [(x / w, y / w) for w, x, y in scaled]
