@@ -149,9 +149,9 @@ class PictureSource(Source):
             index, path = self._next, self._paths[self._next]
             self._next += 1
             with contextlib.suppress(cv2.error):
-                image = cv2.imread(str(path), cv2.IMREAD_COLOR)
-                if image is not None:
-                    return Frame(as_image(image), index * 1_000_000_000, index)
+                image = cv2.imread(str(path), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+                if image is not None and image.dtype in {np.dtype(np.uint8), np.dtype(np.uint16)}:
+                    return Frame(as_image(_eight_bits(image)), index * 1_000_000_000, index)
             self.skipped.append(path.name)
         if len(self.skipped) == len(self._paths):
             raise SourceError(f"{self.uri}: not a picture that can be read (damaged, or another format)")
@@ -366,6 +366,14 @@ def _slot_views(ring: mmap.mmap) -> list[Image]:
         np.frombuffer(ring, np.uint8, size, _slot_at(slot, size) + _BLOCK).reshape(height, width, 3)
         for slot in range(slots)
     ]
+
+
+def _eight_bits(image: NDArray[Any]) -> NDArray[Any]:
+    """Return a picture of 8 or 16 bits with 8; cameras of 10, 12 and 14 bits fill the lower ones of 16."""
+    if image.dtype == np.uint8:
+        return image
+    used = max(int(image.max()).bit_length(), 8)
+    return image >> (used + used % 2 - 8)
 
 
 def as_image(image: Any) -> Image:

@@ -17,6 +17,7 @@ from services.cli.errors import CliError
 if TYPE_CHECKING:
     from camera_tracker.config import CameraTrackerConfig
     from camera_tracker.detectors.base import Detection
+    from camera_tracker.metres import Metres
     from camera_tracker.sources import Frame, Image, Source
 
 _POLL_S = 0.005
@@ -27,7 +28,10 @@ _NO_VEHICLE = (
 
 
 def track(  # noqa: PLR0917 - options, each by its name
-    source: Annotated[str, typer.Argument(help="Picture, folder, video, /dev/video0 or a number, sim://[DIRECTORY].")],
+    source: Annotated[
+        str,
+        typer.Argument(help="Picture, folder, video, /dev/video0 or a number, rtsp:// or http://, sim://[DIRECTORY]."),
+    ],
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document.")] = False,
     config: Annotated[Path | None, typer.Option(help="TOML file with a [camera_tracker] section.")] = None,
     markers: Annotated[
@@ -45,7 +49,7 @@ def track(  # noqa: PLR0917 - options, each by its name
 
     cv2.setNumThreads(1)
     tracker_config = _read_config(config, markers)
-    tracker = Tracker(tracker_config)
+    tracker, metres = Tracker(tracker_config), _metres(tracker_config, config)
     names = [vehicle.name for vehicle in tracker_config.vehicles]
     results: list[dict[str, Any]] = []
     try:
@@ -53,8 +57,9 @@ def track(  # noqa: PLR0917 - options, each by its name
         total = frames or pictures.frames_total
         with _drawing(show, pictures) as draw, _progress(as_json, total) as advance:
             for frame in _frames(pictures, frames):
+                _check_size(metres, frame.image)
                 found = tracker.track(frame.image, frame.stamp_ns)
-                poses = [_pose(name, pose) for name, pose in found.items()]
+                poses = [_pose(name, pose, metres) for name, pose in found.items()]
                 results.append({"index": frame.index, "stamp_s": frame.stamp_ns * 1e-9, "poses": poses})
                 draw(frame.image, found)
                 advance()
@@ -89,6 +94,23 @@ def _read_config(path: Path | None, markers: str | None) -> CameraTrackerConfig:
     return config.with_default_marker("vessel", config.scale_px_per_m)
 
 
+def _metres(config: CameraTrackerConfig, path: Path | None) -> Metres | None:
+    """Return what turns px into {E}, where the configuration has a calibration or a scale."""
+    from camera_tracker.metres import Calibrated, StraightDown
+
+    if config.calibration is not None and path is not None:
+        return Calibrated(config, path.parent / config.calibration)
+    return None if config.scale_px_per_m is None else StraightDown(config.scale_px_per_m, (0, 0))
+
+
+def _check_size(metres: Metres | None, image: Image) -> None:
+    """Raise CliError when a picture has another size than the camera was calibrated at."""
+    width, height = image.shape[1::-1]
+    if metres is not None and metres.size_px not in {(0, 0), (width, height)}:
+        expected = " x ".join(str(v) for v in metres.size_px)
+        raise CliError(f"the picture has {width} x {height} px, but the camera was calibrated at {expected} px")
+
+
 def _frames(source: Source, limit: int | None) -> Iterator[Frame]:
     """Yield a recording's frames, or a camera's until Ctrl-C."""
     import time
@@ -115,7 +137,7 @@ def _by_number(name: str) -> tuple[int, str]:
     return (int(name) if name.isdecimal() else -1, name)
 
 
-def _pose(name: str, found: Detection) -> dict[str, Any]:
+def _pose(name: str, found: Detection, metres: Metres | None) -> dict[str, Any]:
     pose = {
         "name": name,
         "x_px": round(found.x_px, 4),
@@ -129,7 +151,7 @@ def _pose(name: str, found: Detection) -> dict[str, Any]:
         pose["heading_ambiguous"] = True
     if found.corners_px:
         pose["corners_px"] = [[round(x, 3), round(y, 3)] for x, y in found.corners_px]
-    return pose
+    return pose if metres is None else pose | metres.fields(name, found)
 
 
 def _summary(name: str, results: list[dict[str, Any]]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import typer
 from scipy.stats import chi2
 from typer.testing import CliRunner
 
@@ -20,6 +21,7 @@ from camera_tracker.detectors.base import Detection
 from camera_tracker.metres import metres_for
 from camera_tracker.plane import CameraFile, Placement, PlaneMap, Reference, place_camera
 from services.cli.camera import app
+from services.cli.track import track
 from services.vessels import load_vessel
 from tests.rendered_board import LENS, seen_flat
 
@@ -193,6 +195,23 @@ def test_the_place_from_a_picture_with_markers(tmp_path: Path) -> None:
     assert (fields["x_m"], fields["y_m"]) == pytest.approx((3.0, 1.0), abs=0.003)
     assert metres.size_px == (800, 600)
     assert metres.scale_px_per_m == pytest.approx(620 / 3.2, rel=0.02)
+
+    (tmp_path / "pool.toml").write_text(
+        '[camera_tracker]\ncalibration = "camera.json"\n'
+        '[[camera_tracker.vehicles]]\nname = "v"\ndictionary = "4x4_50"\nmarker = 5\n'
+    )
+    tracking = typer.Typer(pretty_exceptions_enable=False)
+    tracking.command()(track)
+    words = [str(tmp_path / "pool.png"), "--config", str(tmp_path / "pool.toml"), "--json"]
+    result = CliRunner().invoke(tracking, words, catch_exceptions=False)
+    (tracked,) = json.loads(result.stdout)["frames"][0]["poses"]
+    assert (tracked["x_m"], tracked["y_m"]) == pytest.approx((2.0, 1.3), abs=0.003)
+    assert tracked["psi_rad"] == pytest.approx(0.0, abs=0.01)
+    assert tracked["psi_image_rad"] == pytest.approx(0.1, abs=0.1)
+    assert 0.0 < tracked["covariance"][0] < 0.01**2
+    cv2.imwrite(str(tmp_path / "half.png"), np.zeros((300, 400, 3), np.uint8))
+    result = CliRunner().invoke(tracking, [str(tmp_path / "half.png"), *words[1:]])
+    assert "calibrated at 800 x 600 px" in str(result.exception)
 
 
 RED = {"low": (0, 0, 110), "high": (90, 80, 255)}

@@ -209,8 +209,13 @@ def test_a_folder_is_read_in_natural_order_and_what_is_no_picture_is_left_out(tm
 
 @pytest.mark.parametrize(
     "picture",
-    [np.full((4, 5, 3), 65535, np.uint16), np.full((4, 5), 255, np.uint8), np.full((1, 1, 3), 255, np.uint8)],
-    ids=["16 bit", "grey", "1x1"],
+    [
+        np.full((4, 5, 3), 65535, np.uint16),
+        np.full((4, 5), 4095, np.uint16),
+        np.full((4, 5), 255, np.uint8),
+        np.full((1, 1, 3), 255, np.uint8),
+    ],
+    ids=["16 bit", "12 of 16 bit", "grey", "1x1"],
 )
 def test_unusual_pictures_become_8_bit_bgr(tmp_path: Path, picture: Image) -> None:
     path = tmp_path / "picture.png"
