@@ -19,6 +19,8 @@ VESSELS_DIR = Path(__file__).parent.parent / "config" / "vessels"
 
 _KIND_IN_KEY = re.compile(r": (model|actuator\.\d+)\.[a-z_]+\.")
 """pydantic puts the kind of a table into the key; the file does not."""
+_NO_MODEL = re.compile(r": model(\.\w+)*: Field required$")
+_GUESS = ": not known? Guess inertia and drag within a factor of three, and tune on the running system: docs/tuning.md"
 _MAP_WIDTH_PX = 800
 _MAP_RATE_HZ = 10.0
 
@@ -44,7 +46,8 @@ def load_vessel(name: str) -> v.Vessel:
     try:
         file = parse(VesselFile, read_toml(path), path)
     except ConfigError as error:
-        raise ConfigError(_KIND_IN_KEY.sub(r": \1.", str(error))) from None
+        said = _KIND_IN_KEY.sub(r": \1.", str(error))
+        raise ConfigError(said + _GUESS if _NO_MODEL.search(said) else said) from None
     try:
         return _vessel(path.stem, file)
     except _RefusedError as refused:

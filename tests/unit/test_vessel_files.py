@@ -229,3 +229,13 @@ def test_every_test_that_the_page_of_models_names_exists() -> None:
     assert len(named) > 15
     text = "\n".join(p.read_text() for p in (ROOT / "tests").rglob("test_*.py"))
     assert [name for name in named if f"def {name}(" not in text] == []
+
+
+@pytest.mark.parametrize("missing", ["model", "model.surge"])
+def test_a_vessel_without_a_model_is_told_what_to_do(tmp_path: Path, missing: str) -> None:
+    text = (VESSELS_DIR / "pladypos.toml").read_text(encoding="utf-8")
+    begin = text.index(f"\n[{missing}]") + 1
+    (tmp_path / "mine.toml").write_text(text[:begin] + text[text.index("[[actuator]]") :], encoding="utf-8")
+    says = rf" {missing}: Field required: not known\? Guess inertia and drag .*tuning.md"
+    with pytest.raises(ConfigError, match=says):
+        load_vessel(str(tmp_path / "mine.toml"))
