@@ -10,6 +10,7 @@ from marine.allocation import axis_limits
 from marine.control.base import Vector3
 from marine.frames import to_body, to_tank
 from marine.guidance.abilities import Abilities
+from marine.guidance.turn_away import TurnAway
 from marine.vessel import Vessel
 
 BRAKE_SHARE = 0.6
@@ -52,6 +53,8 @@ class PoolGuard:
         """Of each axis of {E} both walls: on which side, where in m, name."""
         abilities = Abilities(vessel)
         self._astern_n = X if abilities.astern_m_s > 0.0 else 0.0
+        steers = not self._astern_n and abilities.ahead_m_s > 0.0 and abilities.turn_rad_s > 0.0
+        self._turn = TurnAway(vessel) if steers else None
         model = vessel.model
         dofs = (model.surge, model.sway) if Y else (model.surge,)
         weakest = 1.0 / math.hypot(1.0 / X, 1.0 / Y) if Y else self._astern_n
@@ -107,6 +110,10 @@ class PoolGuard:
                 most = alpha * (CATCH_1_S * (safe - speed) - slope * speed) + side * along
                 caps.append((0.0, side, most, name) if axis else (side, 0.0, most, name))
         kept, walls = (self._to_all_sides if self._limits[1] else self._ahead_and_astern)(tau, eta[2], caps)
+        if self._turn:
+            kept, turned = self._turn.kept(kept, eta, nu, self._margin_m + 2.0 * max(std_m))
+            if turned:
+                return kept, "before a wall: turning away"
         return kept, f"before the wall at {' and '.join(walls)}" if walls else ""
 
     def _to_all_sides(

@@ -98,3 +98,25 @@ def test_holding_beside_a_wall_is_left_alone() -> None:
     star.hold(4.7, 1.8, 0.5)  # as near as a reference may be: kept a little off
     star.bus.run_for(12.0)
     assert 4.67 < star.truth[-1].x_m < 4.7
+
+
+@pytest.mark.parametrize(
+    ("psi_rad", "yaw"),
+    [(0.75, 0.0), *(pytest.param(0.6 * k, 0.3 * (k % 3 - 1), marks=pytest.mark.soak) for k in range(10))],
+)
+def test_a_boat_that_cannot_push_back_turns_away_in_time(psi_rad: float, yaw: float) -> None:
+    flow = {
+        "current_x_m_s": 0.05 * math.cos(psi_rad),
+        "current_y_m_s": 0.05 * math.sin(psi_rad),
+        "current_std_m_s": 0.0,
+    }
+    place = {"x_m": 165.0 if math.cos(psi_rad) > 0 else 35.0, "y_m": 115.0 if math.sin(psi_rad) > 0 else 35.0}
+    star = build_star(vessel="charlie", simulator={"psi_rad": psi_rad, **place, **flow})
+    states = star.record(topics.HELM_STATE)
+    assert star.request("manual").accepted
+    for _ in range(600):
+        star.bus.publish(topics.OPERATOR_JOYSTICK, OperatorJoystick(client="test", surge=1.0, sway=0.0, yaw=yaw))
+        star.bus.run_for(0.1)
+    assert gap_m(star) > 0.0
+    assert max(t.surge_m_s for t in star.truth) > 1.2, "it was fast"
+    assert yaw or any("turning away" in s.guard for s in states if isinstance(s, HelmState))

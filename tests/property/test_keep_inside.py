@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from marine.allocation import axis_limits
 from marine.control.base import ZERO, Vector3
 from marine.frames import to_tank
+from marine.guidance.abilities import yaw_limit_at
 from marine.guidance.keep_inside import GAP_M, PoolGuard
 from services.vessels import known_vessels, load_vessel
 
@@ -95,10 +96,17 @@ def test_an_uncertain_place_is_kept_further_away() -> None:
     assert kept[0] < 0.0
 
 
-def test_a_vessel_that_cannot_push_back_coasts_and_goes_on_turning() -> None:
-    guard = PoolGuard(CHARLIE)
-    kept, why = guard.kept((60.0, 0.0, 20.0), (192.0, 75.0, 0.0), (1.0, 0.0, 0.0), ZERO, EXACT)
+def test_a_vessel_that_cannot_push_back_turns_away_while_it_can_and_else_coasts() -> None:
+    guard, ahead, steered = PoolGuard(CHARLIE), (60.0, 0.0, 0.0), (60.0, 0.0, 20.0)
+    assert guard.kept(steered, (170.0, 75.0, 0.0), (1.0, 0.0, 0.0), ZERO, EXACT) == (steered, "")
+    kept, why = guard.kept(ahead, (186.0, 40.0, 0.1), (1.0, 0.0, 0.0), ZERO, EXACT)
+    assert why == "before a wall: turning away"
+    assert kept[0] == pytest.approx(CHARLIE.model.surge.drag(1.0)), "at this speed: the rudder needs the flow"
+    assert kept[2] == pytest.approx(yaw_limit_at(CHARLIE, 1.0), rel=0.15), "to the side that it looks to already"
+    late = guard.kept(steered, (194.0, 75.0, 0.0), (1.0, 0.0, 0.0), ZERO, EXACT)
+    assert late[0][0] == 0.0, "no way out: it coasts, and turns"
+    slow, why = guard.kept(steered, (196.0, 75.0, 0.0), (0.2, 0.0, 0.0), ZERO, EXACT)
     assert why == "before the wall at x = 200 m"
-    assert kept == (0.0, 0.0, 20.0)
-    away = guard.kept((60.0, 0.0, 20.0), (192.0, 75.0, math.pi), (1.0, 0.0, 0.0), ZERO, EXACT)
-    assert away == ((60.0, 0.0, 20.0), "")
+    assert slow == (0.0, 0.0, 20.0), "too slow to turn: it is let coast"
+    away = guard.kept(steered, (192.0, 75.0, math.pi), (1.0, 0.0, 0.0), ZERO, EXACT)
+    assert away == (steered, "")
