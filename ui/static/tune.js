@@ -87,8 +87,9 @@ export class Tune {
 
   /** What there is to do now, in a sentence. */
   next(gains, state, changed) {
+    const holds = this.system.tuned.length > 1;
     if (["running", "identifying"].includes(state))
-      return "The vessel swings to and fro about its place, half a minute to a minute. STOP ends it. Nothing is changed by it.";
+      return `The vessel ${holds ? "swings to and fro about its place, half a minute to a minute" : "goes ahead and weaves for a minute or two"}. STOP ends it. Nothing is changed by it.`;
     const found = Object.entries(this.proposal?.models ?? {}).filter(([axis, model]) => JSON.stringify(model) !== JSON.stringify(gains.tuning.models[axis]));
     if (this.refused.textContent) return "Not like this: change law or parameters, or Discard.";
     if (found.length) {
@@ -96,8 +97,8 @@ export class Tune {
       return `Found ${told.join("; ")}. Engage goes on with it, without a jump; until then nothing has changed.`;
     }
     if (changed) return "Changed here, not on the vessel: Engage takes it over, Discard forgets it.";
-    if (gains.engaged) return "In force. Hold keeps a place with it; Back to before undoes it.";
-    return "Unknown vessel, three clicks: Tune identifies it (it swings for half a minute an axis), Engage takes over what was found, Hold.";
+    if (gains.engaged) return `In force. ${holds ? "Hold keeps a place" : "Speed and lines keep a heading"} with it; Back to before undoes it.`;
+    return `Unknown vessel, three clicks: Tune identifies it (it swings for ${holds ? "half a minute an axis" : "a minute or two"}), Engage takes over what was found, ${holds ? "Hold" : "Speed"}.`;
   }
 
   /** The lines of a configuration file that make what was engaged last: empty when the file has it already. */
