@@ -201,8 +201,8 @@ def measure_patch(
     n, judged = len(in_core), len(in_core) + len(in_ring)
     if n in (0, judged):
         return None
-    planes = box.of(image).reshape(-1, 3).T.astype(np.float32, order="C")  # rows of one channel: faster than pixels
-    colours = planes.take(np.concatenate([in_core, in_ring, in_edge]), axis=1)
+    pixels = box.of(image).reshape(-1, 3).take(np.concatenate([in_core, in_ring, in_edge]), axis=0)
+    colours = pixels.T.astype(np.float32, order="C")  # rows of one channel: faster than pixels
     inside = cv2.reduce(colours[:, :n], 1, cv2.REDUCE_AVG)
     surroundings = upper_median(colours[:, n:judged])[:, None]
     axes, contrast = _axes((inside - surroundings).ravel().tolist())
