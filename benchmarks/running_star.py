@@ -105,7 +105,7 @@ class RunningStar:
                 cwd=ROOT, env=self.environment, stdout=out, stderr=subprocess.STDOUT,
             )  # fmt: skip
         try:
-            self._bus = ZenohBus.connect(self.vessel, (self.hub, self.standby), 30.0, self._secured)
+            self._bus = ZenohBus.connect(self.vessel, (self.hub, self.standby), 60.0, self._secured)
             self._bus.subscribe("**", self._hear)
         except BaseException:
             self.__exit__()
