@@ -55,7 +55,7 @@ def test_every_command_and_option_that_is_shown_exists() -> None:
             shown += 1
             words = [word.strip("[](),;").split("=")[0] for word in line.split()]
             command = starboard
-            known = {"--help", "--install-completion", "--show-completion"}
+            known = {"--help", *(option for p in starboard.params for option in p.opts)}
             for word in words:
                 inner = getattr(command, "commands", {})
                 if word in inner:
