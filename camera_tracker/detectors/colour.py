@@ -191,7 +191,7 @@ def measure_patch(
     box = Region(max(b.x0 - far, 0), max(b.y0 - far, 0), min(b.x1 + far, width), min(b.y1 + far, height))
     piece = cv2.compare(box.of(labels), blob.label, cv2.CMP_EQ)  # type: ignore[call-overload]  # a number will do
     around = cv2.blur(piece, (5, 5))
-    core, near = around == 255, around > 10  # all of the 25, at least two of them
+    core, near = around == around.max(), around > 10  # all of the 25 (of a tiny piece: most), at least two of them
     ring = cv2.dilate(near.view(np.uint8), _DISC).view(np.bool_) ^ near
     if allowed is not None:
         ignored = box.of(allowed) == 0

@@ -18,7 +18,9 @@ _REDUCTION = 4
 """A search looks at every fourth px of every fourth row, for large patches (`_LARGE_PX2`) at every eighth."""
 _LARGE_PX2 = 400.0
 _SMALL_PX = 160
-_COARSE_WIDTH_PX = 640
+_COARSE_WIDTH_PX, _FINE_WIDTH_PX = 640, 1280
+_FINE_EVERY = 10
+"""When vehicles are missing, the first search and each tenth one look at every second px as well: patches of 5 px."""
 _MAX_LOOKS = 3
 """How many places are examined for one vehicle in one picture."""
 _MAX_BLOBS = 12
@@ -32,6 +34,7 @@ class PatchDetector(Detector):
         self._vehicles = {vehicle.name: vehicle for vehicle in vehicles}
         self._config = config
         self._allowed: c.Mask | None = None
+        self._misses = 0
 
     def look(self, image: Image, name: str, region: Region, prediction: Prediction) -> Detection | None:
         """Return the pose of a vehicle whose patches lie in a region, the best and nearest to the prediction.
@@ -56,10 +59,16 @@ class PatchDetector(Detector):
         found = self._search(image, large, 2) if large else {}
         if rest := wanted - set(found):
             found.update(self._search(image, rest, 1))
+        if rest := wanted - set(found):
+            if self._misses % _FINE_EVERY == 0:
+                found.update(self._search(image, rest, 0))
+            self._misses += 1
+        else:
+            self._misses = 0
         return found
 
     def _search(self, image: Image, names: set[str], times: int) -> dict[str, Detection]:
-        """Search the picture reduced so many times more."""
+        """Search the picture reduced so many times more; 0: less."""
         found: dict[str, Detection] = {}
         used: set[c.Blob] = set()
         looks: dict[str, int] = {}
@@ -162,7 +171,7 @@ def _reduced(image: Image, times: int) -> tuple[Image, int]:
     height, width = image.shape[:2]
     if min(height, width) < _SMALL_PX:
         return image, 1
-    step = times * max(_REDUCTION, round(width / _COARSE_WIDTH_PX))
+    step = times * max(_REDUCTION, round(width / _COARSE_WIDTH_PX)) or max(2, round(width / _FINE_WIDTH_PX))
     taken = image[step // 2 : height // step * step : step, : width // step * step]
     size = (width // step, len(taken))
     if step % 4 == 0 and taken[0].flags.c_contiguous and taken.shape[1] * 3 % 4 == 0:

@@ -79,6 +79,18 @@ def test_two_patches_give_position_and_heading(psi: float) -> None:
     assert (pose.reason, pose.heading_ambiguous) == ("", False)
 
 
+@pytest.mark.parametrize("x", [60.0, 60.3, 61.1, 61.6, 62.2, 63.5])
+@pytest.mark.parametrize("psi", [0.0, 0.5, -2.2])
+def test_patches_of_six_px_are_found(x: float, psi: float) -> None:
+    """The coarse search may have less than two of their px, and none of these is two px inside the edge."""
+    c, s = 6.0 * math.cos(psi), 6.0 * math.sin(psi)
+    front, rear = rectangle(x + c, 90.3 + s, 6.3, 6.3, psi), rectangle(x - c, 90.3 - s, 6.3, 6.3, psi)
+    found = track(pair(), draw([("red", front), ("green", rear)]))
+    assert found is not None
+    assert (found.x_px, found.y_px) == pytest.approx((x, 90.3), abs=0.1)
+    assert math.remainder(found.psi_rad - psi, math.tau) == pytest.approx(0.0, abs=0.03)
+
+
 def test_heading_offset_turns_the_vehicle_and_not_its_place() -> None:
     image = draw([("red", rectangle(120, 100, 20, 20, 0)), ("green", rectangle(80, 100, 20, 20, 0))])
     pose = track(pair(heading_deg=90.0), image)
