@@ -110,7 +110,10 @@ def _around(dot: Dot, image: Image) -> tuple[int, int, int, int]:
 
 
 def _dots(image: Image, box: tuple[int, int, int, int], colour: str, at_least: float) -> list[Dot]:
-    """Return the spots of a laser's colour in a part of a picture (x0, y0, x1, y1), strongest first."""
+    """Return the spots of a laser's colour in a part of a picture (x0, y0, x1, y1), strongest first.
+
+    A spot that the edge of that part cuts is left out: the middle of what is left of it is px beside the dot's.
+    """
     x0, y0, x1, y1 = box
     excess = _excess(image[y0:y1, x0:x1], colour)
     level = float(np.median(excess))
@@ -120,7 +123,8 @@ def _dots(image: Image, box: tuple[int, int, int, int], colour: str, at_least: f
     dots = []
     for label in range(1, count):
         left, top, width, height, area = (int(v) for v in stats[label])
-        if area > _MAX_AREA * image.shape[0] * image.shape[1]:
+        cut_off = min(left, top) == 0 or left + width == x1 - x0 or top + height == y1 - y0
+        if cut_off or area > _MAX_AREA * image.shape[0] * image.shape[1]:
             continue
         cut = np.s_[top : top + height, left : left + width]
         weights = np.where(labels[cut] == label, excess[cut] - threshold, 0.0)

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from camera_tracker.calibration import CalibrationError
 from camera_tracker.laser.dots import REGION_PX, DotTracker
 from camera_tracker.laser.ranging import VIDEORAY_LEFT, VIDEORAY_RIGHT, LaserCurve, LaserModule, fit_curve
-from camera_tracker.laser.wall import wall_picture
+from camera_tracker.laser.wall import WallCamera, wall_picture
 from services.cli.errors import CliError
 from services.cli.laser import app
 
@@ -96,10 +96,10 @@ def test_distance_and_angle_from_pictures(distance_m: float, angle_deg: float) -
 
 
 def test_dots_are_found_within_a_tenth_of_a_pixel() -> None:
-    errors = []
-    for seed in range(20):
-        distance_m = 0.2 + 0.03 * seed
-        found = DotTracker(MODULE).read(wall_picture(MODULE, distance_m, seed=seed))
+    camera, errors = WallCamera(MODULE), []
+    for k in range(20):
+        distance_m = 0.2 + 0.03 * k
+        found = DotTracker(MODULE).read(camera.picture(distance_m))
         assert found.left is not None
         assert found.right is not None
         errors += [
@@ -128,6 +128,28 @@ def test_a_dot_that_jumps_out_of_its_region_is_found_in_the_same_picture() -> No
     found = tracker.read(wall_picture(MODULE, 0.30, seed=1))
     assert found.whole_picture
     assert found.distance_m == pytest.approx(0.30, rel=0.01)
+
+
+def test_a_dot_that_its_region_cuts_is_looked_for_in_the_whole_picture() -> None:
+    camera, begin_px = WallCamera(MODULE), VIDEORAY_LEFT.x_px(0.5)
+    for distance_m in np.arange(0.36, 0.46, 0.005).tolist():
+        tracker = DotTracker(MODULE)
+        tracker.read(camera.picture(0.5))
+        found = tracker.read(camera.picture(distance_m))
+        assert found.left is not None
+        x_px = VIDEORAY_LEFT.x_px(distance_m)
+        assert 319.5 - found.left.x_px == pytest.approx(x_px, abs=0.25), f"moved by {x_px - begin_px:.1f} px"
+
+
+def test_a_dot_that_the_edge_of_the_picture_cuts_is_lost() -> None:
+    for inside_px in (0.5, 2.0, 4.0, 12.0):
+        width = 2 * round(VIDEORAY_LEFT.x_px(0.3) + inside_px)
+        picture = wall_picture(MODULE.model_copy(update={"centre_x_px": 0.5 * (width - 1)}), 0.3, size_px=(width, 480))
+        found = DotTracker(MODULE).read(picture)
+        if inside_px < 3.0:
+            assert "left" in found.lost
+        if found.left is not None:
+            assert 0.5 * (width - 1) - found.left.x_px == pytest.approx(VIDEORAY_LEFT.x_px(0.3), abs=0.25)
 
 
 @pytest.mark.parametrize(
