@@ -32,6 +32,9 @@ WALL_PERIOD_S = 0.1
 DEPTH_LOST_S = 1.0
 """A depth sensor that says nothing for so long says nothing about now."""
 
+JUMP_M, JUMP_RAD = 0.1, math.radians(10.0)
+"""A measured pose that comes to lie so far from the estimate has jumped."""
+
 Status = Literal["initialising", "tracking", "predicting", "lost"]
 
 
@@ -259,16 +262,22 @@ class Estimator(Service):
         if verdict is Verdict.REFUSED:
             return False
         if verdict is Verdict.JUMPED:
-            self._jumps += 1
-            turned_deg = math.degrees(abs(wrap_angle(psi_rad - before[2])))
-            self.note = (
-                f"the measured pose jumped by {math.hypot(x_m - before[0], y_m - before[1]):.2f} m and "
-                f"{turned_deg:.0f} degrees: believed after {self._tuning.jump_after} poses"
-            )
-            self.log.warning(self.note)
+            moved_m = math.hypot(x_m - before[0], y_m - before[1])
+            self._tell_jump(moved_m, abs(wrap_angle(psi_rad - before[2])))
         if not self._ready:
             self._ready = float(ekf.covariance.diagonal()[3:5].max()) < self._ready_std_m_s**2
         return True
+
+    def _tell_jump(self, moved_m: float, turned_rad: float) -> None:
+        """Tell of a jump that no model explains: with one that is far off, the filter lags behind by less."""
+        if moved_m < JUMP_M and turned_rad < JUMP_RAD:
+            return
+        self._jumps += 1
+        self.note = (
+            f"the measured pose jumped by {moved_m:.2f} m and {math.degrees(turned_rad):.0f} degrees: "
+            f"believed after {self._tuning.jump_after} poses"
+        )
+        self.log.warning(self.note)
 
     def _advance(self, ekf: PoseEkf, from_ns: int, to_ns: int) -> None:
         """Predict from one time to another with the wrenches that were in force between."""
