@@ -96,13 +96,23 @@ class DirectLine:
         d_dot = speed * math.sin(phi_rad) + v_m_s * math.cos(phi_rad)
         return -self.gains.proportional_d * _clip(d_m, self.d_max_m) - self.gains.derivative_d * d_dot
 
-    def step(
-        self, dt_s: float, d_m: float, phi_rad: float, nu: tuple[float, float, float], missing: float = 0.0
+    def step(  # noqa: PLR0917
+        self,
+        dt_s: float,
+        d_m: float,
+        phi_rad: float,
+        nu: tuple[float, float, float],
+        missing: float = 0.0,
+        turning_rad_s: float = 0.0,
     ) -> float:
-        """Return N in Nm; nu: [u v r] over ground; missing: what the actuators gave less than N before, Nm."""
+        """Return N in Nm.
+
+        nu: [u v r] over ground; missing: what the actuators gave less than N before, Nm; turning_rad_s: rate at which
+        the line itself turns before the vessel, on a curve.
+        """
         u, v, r = nu
         g = self.gains
-        error = self.reference(d_m, phi_rad, u, v) - r
+        error = self.reference(d_m, phi_rad, u, v) + turning_rad_s - r
         self._integral += g.integral_r * error * dt_s + min(1.0, dt_s / self._tracking_s) * (self._missing + missing)
         wanted = self._integral - g.proportional_r * r + self._yaw.drag(r)
         N = _clip(wanted, self._limit)

@@ -41,6 +41,8 @@ class Track:
         self.length_m = self._course.length_m if self._course else self._begins[-1]
         self.along_m = along_m
         self.arrived = False
+        self.kappa_1_m = self.lead_rad = 0.0
+        """Of a spline, where the vessel will be when its heading has followed: curvature, and the turn until there."""
         while self._begins[self._path.leg + 1] < along_m and self._path.leg < len(self._path.lines) - 1:
             self._path.leg += 1
 
@@ -67,7 +69,8 @@ class Track:
         self.arrived = self.along_m >= course.length_m - course.step_m
         x, y, gamma, _ = course.at(self.along_m)
         d = Line(x, y, gamma).place(x_m, y_m)[1]
-        turned = course.at(self.along_m + self._preview_m)[2]
+        _, _, turned, self.kappa_1_m = course.at(self.along_m + self._preview_m)
+        self.lead_rad = wrap_angle(turned - gamma)
         return Line(x, y, turned), d
 
     def _lead(self) -> float:
@@ -123,10 +126,12 @@ class Steering(Guidance):
             self._law.reset()  # the current came from another side
         self._line, self._at, self._phi_rad = line, (x, y), wrap_angle(psi - line.gamma_rad)
         X = self._surge.step(seen.dt_s, order.speed_m_s or 0.0, u, u, short_x)
-        if isinstance(self._law, DirectLine):
-            return X, 0.0, self._law.step(seen.dt_s, self._d_m, self._phi_rad, seen.nu, short_n)
+        turning = u * track.kappa_1_m
+        if isinstance(self._law, DirectLine):  # it is told the curve's rate ahead, so its line is the tangent here
+            phi_rad = self._phi_rad + track.lead_rad
+            return X, 0.0, self._law.step(seen.dt_s, self._d_m, phi_rad, seen.nu, short_n, turning)
         if isinstance(self._law, IndirectLine):
-            relative = self._law.step(seen.dt_s, self._d_m, self._phi_rad, r)
+            relative = self._law.step(seen.dt_s, self._d_m, self._phi_rad, r - turning)
         else:
             relative = self._law.heading(seen.dt_s, self._d_m)
         return X, 0.0, self._heading.step(seen.dt_s, line.gamma_rad + relative, psi, r, short_n)
