@@ -19,6 +19,7 @@ pytestmark = pytest.mark.browser
 
 DESK: ViewportSize = {"width": 1440, "height": 900}
 TABLET: ViewportSize = {"width": 1024, "height": 768}
+UPRIGHT: ViewportSize = {"width": 820, "height": 1180}
 PHONE: ViewportSize = {"width": 390, "height": 844}
 
 
@@ -442,7 +443,7 @@ def test_bad_measurements_are_told_with_their_reason(page: Page, star: FakeStar)
     expect(row).to_contain_text("operator/joystick: dropped a malformed message: surge")
 
 
-@pytest.mark.parametrize("size", [DESK, TABLET, PHONE], ids=["desk", "tablet", "phone"])
+@pytest.mark.parametrize("size", [DESK, TABLET, UPRIGHT, PHONE], ids=["desk", "tablet", "upright", "phone"])
 def test_the_layout_fits_and_stop_is_in_reach(star: FakeStar, browser: Browser, size: ViewportSize) -> None:
     with browser.new_context(viewport=size, has_touch=size is not DESK) as context:
         page = open_page(context.new_page(), star.url)
