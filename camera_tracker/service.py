@@ -20,6 +20,8 @@ JPEG_QUALITY = 80
 RETRY_S = 1.0
 SILENCE_S = 1.0
 """A live source without a frame for so long counts as missing; it stays open."""
+TOLD_AFTER_S = 3.0
+"""No picture for so long is a line in the log: longer than the start of a recording that has ended, or of a simulator."""
 STATUS_PERIOD_S = 1.0
 
 
@@ -52,6 +54,8 @@ class CameraTracker(Service):
         self._state: tuple[str, str] = ("", "")  # state and error as told last
         self._retry_s = 0.0
         self._last_frame_s = 0.0
+        self._picture_s = 0.0
+        self._blind = False
         self._last_image_s = 0.0
         self._size = (0, 0)
         self._visible = False
@@ -67,6 +71,7 @@ class CameraTracker(Service):
         """Open the source, if it is there."""
         cv2.setNumThreads(1)  # the pictures are small: more threads cost more than they give
         self._window = _Window(now_s)
+        self._picture_s = now_s
         self._open(now_s)
 
     def step(self, now_s: float) -> None:
@@ -78,6 +83,8 @@ class CameraTracker(Service):
         frame = self._read(now_s)
         if frame is not None:
             self._take(frame, now_s)
+            self._picture_s = now_s
+        self._note(now_s)
         self._tell(now_s)
 
     def stop(self, now_s: float) -> None:
@@ -180,6 +187,15 @@ class CameraTracker(Service):
                     data=data.tobytes(),
                 )
             )
+
+    def _note(self, now_s: float) -> None:
+        """Say once in the log that there are no pictures and why, and once that they are back."""
+        blind = now_s - self._picture_s > TOLD_AFTER_S
+        if blind and not self._blind:
+            self.log.warning("%s", self._error or f"{self._config.source}: no frame for {TOLD_AFTER_S:.0f} s")
+        elif self._blind and not blind:
+            self.log.info("%s: pictures again", self._config.source)
+        self._blind = blind
 
     def _tell(self, now_s: float) -> None:
         """Publish the status once a second and at every change."""

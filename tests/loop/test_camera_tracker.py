@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -117,6 +118,23 @@ def test_black_frames_end_the_poses_and_the_vessel_is_found_again(scene: Scene) 
     scene.show(4.0, 3.0, 1.0)
     assert len(scene.poses) == 4
     assert scene.state() == "tracking"
+
+
+def test_no_pictures_are_one_line_in_the_log_and_another_when_they_are_back(
+    scene: Scene, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level(logging.INFO)
+    scene.track(source="/dev/video97")
+    scene.bus.run_for(10.0)
+    (line,) = caplog.messages
+    assert "/dev/video97: no such camera" in line
+    caplog.clear()
+    scene.track()
+    scene.bus.run_for(10.0)
+    scene.plug_in()
+    scene.bus.run_for(1.1)
+    scene.show(frames=2)
+    assert [m for m in caplog.messages if "sim://" in m] == [caplog.messages[0], "sim://: pictures again"]
 
 
 def test_a_camera_that_is_missing_then_silent_then_back(scene: Scene) -> None:
