@@ -111,6 +111,8 @@ class FakeVessel(Service):
         self.nu = (0.0, 0.0, 0.0)
         self.frame = 0
         self.black = self.board = False
+        self.unplugged = ""
+        """What the tracker says of a camera that is missing."""
         self.pictures = 0
         self.faults: list[m.SimulationFault] = []
         self.crew = m.ActuatorHealth()
@@ -182,7 +184,7 @@ class FakeVessel(Service):
         )
         self.state.publish(
             m.NavigationState(
-                status="predicting" if self.black else "tracking",
+                status="lost" if self.unplugged else "predicting" if self.black else "tracking",
                 x_m=x,
                 y_m=y,
                 psi_rad=psi,
@@ -265,7 +267,8 @@ class FakeVessel(Service):
     def _publish_status(self) -> None:
         self.camera.publish(
             m.CameraStatus(
-                state="searching" if self.black else "tracking",
+                state="no_camera" if self.unplugged else "searching" if self.black else "tracking",
+                error=self.unplugged,
                 camera="fake://",
                 frames=self.frame,
                 poses=self.frame,

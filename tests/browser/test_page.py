@@ -388,6 +388,11 @@ def test_the_banner_shouts_when_bus_helm_or_server_fall_silent(page: Page, star:
     expect(banner).to_contain_text("no wrench from the controller")
     star.helm.wanted = m.HelmState(mode="stop", status="disarmed")
     expect(banner).to_be_hidden()
+    star.vessel.unplugged = "/dev/video0: no such camera"
+    expect(banner).to_contain_text("No camera /dev/video0: no such camera")
+    expect(page.locator("#lamp-camera")).to_have_text("No camera")
+    star.vessel.unplugged = ""
+    expect(banner).to_be_hidden()
     star.do(lambda bus: bus.pause("helm"))
     expect(banner).to_contain_text("The helm is silent")
     star.do(lambda bus: bus.resume("helm"))

@@ -146,8 +146,8 @@ export class Health {
     lamp("lamp-link", !link ? "off" : link.state === "connected" ? "ok" : "error", link?.state === "connected" ? `Link ${age(link.round_trip_s ?? NaN)}` : "Link down");
     const camera = this.store.fresh("camera/status", DEAD_S);
     const refused = camera?.state === "tracking" && performance.now() - this.measured.rejectedAt < REFUSED_MS;
-    const seen = refused ? "pose refused" : camera?.state.replace("_", " ");
-    lamp("lamp-camera", !camera ? "off" : refused ? "warn" : { tracking: "ok", searching: "warn", no_camera: "error" }[camera.state], camera ? `Camera ${seen}` : "Camera silent");
+    const seen = refused ? "pose refused" : camera?.state;
+    lamp("lamp-camera", !camera ? "off" : refused ? "warn" : { tracking: "ok", searching: "warn", no_camera: "error" }[camera.state], !camera ? "Camera silent" : camera.state === "no_camera" ? "No camera" : `Camera ${seen}`);
     const recorder = this.store.fresh("recorder/status", DEAD_S);
     lamp("recording", !recorder ? "off" : { recording: "rec", idle: "warn", error: "error" }[recorder.state], recorder?.state === "recording" ? `REC ${bytes(recorder.size_bytes)}` : recorder ? `Recorder ${recorder.state}` : "Not recording");
     const levels = this.names().map((name) => this.judge(name).level);
@@ -170,7 +170,9 @@ export class Health {
     if (!helm) alarms.push(["error", "The helm is silent", " The mode shown is not certain."]);
     else if (helm.status === "fault") alarms.push(["error", "Fault", ` ${helm.reason}`]);
     else if (helm.suspended) alarms.push(["error", "Suspended", ` ${helm.reason || "the thrusters are at zero"}`]);
-    if (!state) alarms.push(["warn", "No position", " The estimator is silent."]);
+    const camera = this.store.fresh("camera/status", DEAD_S);
+    if (camera?.state === "no_camera" && state?.status !== "tracking") alarms.push(["warn", "No camera", ` ${camera.error}`]);
+    else if (!state) alarms.push(["warn", "No position", camera?.state === "searching" ? " The camera does not see the vessel." : " The estimator is silent."]);
     else if (state.status === "lost") alarms.push(["warn", "Position lost", " The camera does not see the vessel."]);
     if (now - this.measured.jumpedAt < JUMPED_MS) {
       const told = /^the measured pose jumped (.*)$/.exec(this.store.get(beat("estimator"))?.note ?? "")?.[1];
