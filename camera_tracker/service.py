@@ -21,7 +21,7 @@ RETRY_S = 1.0
 SILENCE_S = 1.0
 """A live source without a frame for so long counts as missing; it stays open."""
 TOLD_AFTER_S = 3.0
-"""No picture for so long is a line in the log: longer than the start of a recording that has ended, or of a simulator."""
+"""No picture for so long is a line in the log: longer than a recording takes to begin again."""
 STATUS_PERIOD_S = 1.0
 
 

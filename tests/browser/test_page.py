@@ -175,9 +175,13 @@ def test_one_way_point_is_a_line_from_here(page: Page, star: FakeStar) -> None:
     assert (star.requests[0].mode, len(star.requests[0].points), star.requests[0].speed_m_s) == ("line", 1, None)
 
 
-def test_the_guard_is_shown(page: Page, star: FakeStar) -> None:
+def test_the_guard_is_shown_and_the_stick_stays_under_the_hand(page: Page, star: FakeStar) -> None:
+    take_stick(page)
+    expect(page.locator("#lease")).to_have_text("You have the helm")
+    place = page.locator("#stick").bounding_box()
     star.helm.wanted = star.helm.wanted.model_copy(update={"guard": "before the wall at x = 5 m"})
     expect(page.locator("#guard")).to_have_text("Guard: kept before the wall at x = 5 m")
+    assert page.locator("#stick").bounding_box() == place
     star.helm.wanted = star.helm.wanted.model_copy(update={"guard": ""})
     expect(page.locator("#guard")).to_be_hidden()
 

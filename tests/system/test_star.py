@@ -235,3 +235,6 @@ def test_a_missing_camera_and_port_stop_nothing_else() -> None:
         first = star.wait(HEARTBEAT.of("camera_tracker"), lambda _: True, 5.0, "a heartbeat")
         star.wait(HEARTBEAT.of("camera_tracker"), lambda b: b.seq >= first.seq + 3, 8.0, "the tracker lives on")
         assert all(s["restarts"] == 0 for s in star.states().values()), star.states()
+        for missing in ("video97", "ttyUSB97"):
+            told = [line for line in star.log.splitlines() if missing in line]
+            assert len(told) == 1, "one line in the terminal, however often it is tried again"

@@ -5,6 +5,7 @@ import { toast } from "./toasts.js";
 
 const RENEW_MS = 1000;
 const ANSWER_MS = 1500;
+const MINE = "You have the helm";
 const NAMES = { stop: "stopped", manual: "manual", hold: "holding", heading: "keeping heading", experiment: "experiment",
   depth: "keeping depth", speed: "keeping speed", line: "following line", path: "following path", distance: "keeping distance" };
 const ACCEPTED = { stop: "Stopped", manual: "You have the stick", experiment: "The experiment begins",
@@ -131,6 +132,7 @@ export class Helm {
     text(this.leaseNote, this.lease(state));
     text(this.guardNote, state?.guard ? `Guard: kept ${state.guard}` : "");
     this.guardNote.hidden = !state?.guard;
+    this.leaseNote.hidden = Boolean(state?.guard) && this.leaseNote.textContent === MINE; // the stick below stays under the hand
     this.reference.follow();
   }
 
@@ -139,7 +141,7 @@ export class Helm {
     const reason = state.reason ? ` · ${state.reason}` : "";
     const use = this.holdButton.hidden ? "Heading and Speed take its heading." : "Press Hold to go there; Heading and Speed take its heading.";
     if (this.reference.chosen) return `Chosen: ${this.reference.describe()}. ${use}`;
-    if (state.holder === this.link.client) return `You have the helm${reason}`;
+    if (state.holder === this.link.client) return MINE + reason;
     return (state.holder ? `${state.holder} has the helm` : "Nobody has the helm") + reason;
   }
 }
