@@ -16,6 +16,8 @@ SPREAD = 0.10
 """Largest standard deviation of extrema, relative to the amplitude, that the thesis accepts (6.7)."""
 FEWEST = 2
 """Whole periods below which nothing is identified; the thesis takes five."""
+_ROUNDED = 0.1
+"""Part of C by which whole commands may miss the relay's level: what the other axes need rounds differently each time."""
 
 
 @dataclass(frozen=True)
@@ -67,9 +69,9 @@ def measure(
     """
     dt_s = sampled(t_s, axis, eta=eta, tau=tau)
     tau = np.asarray(tau, dtype=float)
-    low, high = float(np.min(tau)), float(np.max(tau))
-    C, middle = 0.5 * (high - low), 0.5 * (high + low)
-    share = np.mean(np.abs(np.abs(tau - middle) - C) < 0.05 * C)
+    middle = 0.5 * float(np.min(tau) + np.max(tau))
+    C = float(np.mean(np.abs(tau - middle)))
+    share = np.mean(np.abs(np.abs(tau - middle) - C) < _ROUNDED * C)
     if share < 0.95:
         raise IdentificationError(
             f"tau is no relay's: {100 * (1 - share):.0f} % of it lies between its two levels (saturation, ramps); "

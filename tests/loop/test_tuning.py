@@ -260,16 +260,14 @@ def test_an_unknown_vessel_is_tuned_and_holds_within_the_goals(
 ) -> None:
     """Algorithm 8.4 on the running system."""
     star = unknown_vessel(tmp_path)
-    settled_s, overshoot_rad, distance_m = moved(star, place_m)
-    assert settled_s > 15.0  # without tuning it misses the goals of issue 7
-    assert overshoot_rad > 0.05 * math.pi / 2.0
-    assert distance_m > 1.5e-3
+    untuned_s, overshoot_rad, _ = moved(star, place_m)
+    assert overshoot_rad > 0.05 * math.pi / 2.0  # without tuning it misses the goals of issue 7
     models = {axis: tune(star, axis) for axis in axes}
     for axis, model in models.items():
         assert model.alpha == pytest.approx(getattr(heavier(PLADYPOS.model), axis).alpha, rel=0.05)
     assert ask(star, Tuning(law="ipd", models=models)).accepted
     settled_s, overshoot_rad, distance_m = moved(star, place_m)
-    assert settled_s <= 15.0
+    assert settled_s <= min(15.0, 0.95 * untuned_s)
     assert overshoot_rad < 0.01 * math.pi / 2.0  # the estimator has the model, too: without it 2 %
     assert distance_m <= 1.5e-3 or "surge" not in axes
     health = star.bus.last(topics.ACTUATOR_HEALTH)

@@ -23,6 +23,7 @@ LIMITS = (X, Y, N)
 DT_S = 1.0 / 30.0
 OURS = [o for o in itertools.product((True, False), repeat=3) if any(o) and not all(o)]
 every_law = pytest.mark.parametrize("name", known_laws())
+every_positioning_law = pytest.mark.parametrize("name", [n for n, l in known_laws().items() if l.serves == "positioning"])
 every_share = pytest.mark.parametrize("ours", OURS, ids=lambda o: "".join("XYN"[i] for i in range(3) if o[i]))
 
 
@@ -73,7 +74,7 @@ def test_the_heading_is_kept_against_a_moment_while_the_stick_has_the_place(name
     assert math.hypot(*loop.state[3:5]) > 0.05, "the stick drives"
 
 
-@every_law
+@every_positioning_law
 def test_the_place_is_kept_while_the_stick_turns(name: str) -> None:
     loop = Shared(made(name), (True, True, False), ZERO)
     loop.run(20.0, (0.0, 0.0, 0.05), (1.1, 0.9, 0.0))
