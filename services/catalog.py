@@ -51,7 +51,8 @@ class Process:
         try:
             found = getattr(importlib.import_module(module), name)
         except (ImportError, AttributeError) as error:
-            raise ConfigError(f"service {self.name}: cannot import {self.target}: {error}") from None
+            where = "looked in Starboard's folder and PYTHONPATH"
+            raise ConfigError(f"service {self.name}: cannot import {self.target}: {error} ({where})") from None
         if not (isinstance(found, type) and issubclass(found, Service)):
             raise ConfigError(f"service {self.name}: {self.target} is no bus.Service")
         return found
