@@ -17,7 +17,7 @@ SPREAD = 0.10
 FEWEST = 2
 """Whole periods below which nothing is identified; the thesis takes five."""
 _ROUNDED = 0.1
-"""Part of C by which whole commands may miss the relay's level: what the other axes need rounds differently each time."""
+"""Part of C by which whole commands may miss the relay's level: with what the other axes need they round otherwise."""
 
 
 @dataclass(frozen=True)

@@ -22,13 +22,14 @@ X, Y, _, _, _, N = axis_limits(PLADYPOS)
 LIMITS = (X, Y, N)
 DT_S = 1.0 / 30.0
 OURS = [o for o in itertools.product((True, False), repeat=3) if any(o) and not all(o)]
-every_law = pytest.mark.parametrize("name", known_laws())
-every_positioning_law = pytest.mark.parametrize("name", [n for n, l in known_laws().items() if l.serves == "positioning"])
+LAWS = known_laws()
+every_law = pytest.mark.parametrize("name", LAWS)
+every_positioning_law = pytest.mark.parametrize("name", [n for n in LAWS if LAWS[n].serves == "positioning"])
 every_share = pytest.mark.parametrize("ours", OURS, ids=lambda o: "".join("XYN"[i] for i in range(3) if o[i]))
 
 
 def made(name: str) -> ControlLaw:
-    law = known_laws()[name]
+    law = LAWS[name]
     return law.for_vessel(law.Parameters(), PLADYPOS, LIMITS)
 
 
