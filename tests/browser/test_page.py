@@ -116,8 +116,9 @@ def test_a_click_and_hold_ends_at_that_place_with_the_dragged_heading(page: Page
 
 
 def test_typed_numbers_choose_a_place_inside_the_pool(page: Page, star: FakeStar) -> None:
-    page.fill("#ref-x", "99")
     page.fill("#ref-psi", "-270")
+    page.fill("#ref-x", "99")
+    page.press("#ref-x", "Tab")
     expect(page.locator("#ref-x")).to_have_value("4.7")
     expect(page.locator("#lease")).to_contain_text("limited by the walls to x 0.30 … 4.70 m, y 0.30 … 3.45 m")
     page.click("#hold")
