@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, help="Look into recordings, repair them.", rich_markup_mode=None)
 app.command()(replay)
+
+_GROWS_S = 3.0
+"""A file without end that was written to within this is being recorded; the recorder writes 5 times a second."""
 
 File = Annotated[Path, typer.Argument(help="An MCAP recording.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document.")]
@@ -53,7 +57,7 @@ def list_recordings(
             continue
         size = f"{row['size_bytes'] / 1e6:.1f} MB"
         start = row["start"][:19].replace("T", " ")
-        complete = "yes" if row["complete"] else "no end"
+        complete = "yes" if row["complete"] else "being written" if row["grows"] else "no end"
         table.add_row(row["file"], start, f"{row['duration_s']:.1f} s", size, str(row["messages"]), complete)
     _wide(Console()).print(table)
 
@@ -120,11 +124,13 @@ def _row(path: Path) -> dict[str, Any]:
 
 def _about(recording: Recording) -> dict[str, Any]:
     start = datetime.fromtimestamp(recording.start_ns * 1e-9).astimezone()
+    stat = recording.path.stat()
     return {
         "vessel": recording.vessel,
         "start": start.isoformat(timespec="milliseconds"),
         "duration_s": round(recording.duration_s, 3),
-        "size_bytes": recording.path.stat().st_size,
+        "size_bytes": stat.st_size,
         "messages": recording.message_count,
         "complete": recording.complete,
+        "grows": not recording.complete and time.time() - stat.st_mtime < _GROWS_S,
     }

@@ -1,4 +1,5 @@
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -39,8 +40,11 @@ def test_list(folder: Path) -> None:
         "size_bytes": (folder / "whole.mcap").stat().st_size,
         "messages": 11,
         "complete": True,
+        "grows": False,
     }
-    assert (cut["complete"], cut["messages"]) == (False, 11)
+    assert (cut["complete"], cut["messages"], cut["grows"]) == (False, 11, True)
+    assert "being written" in call("list", folder).stdout
+    os.utime(folder / "cut.mcap", (1.0, 1.0))
     table = call("list", folder).stdout
     assert [line.split("│")[-2].strip() for line in table.splitlines() if ".mcap" in line] == [
         "no end",
