@@ -66,11 +66,13 @@ class FixedActuators:
     def solve(self, tau: Sequence[float], U: float = 0.0, dt_s: float = math.inf, *, carry: bool = False) -> Answer:
         """Return commands for a wrench [X Y Z K M N] in N and Nm at speed U in m/s, dt_s after the call before.
 
-        carry: whole commands make up for the rounding errors before them (see CarriedRounding): for closed loops.
+        carry: whole commands make up for the rounding errors before them (see CarriedRounding): for closed loops. No
+        wrench is no command at once, whatever is owed.
         """
-        if carry and not (self._moving or self._rate_limited):
+        if carry and not (self._moving or self._rate_limited) and any(tau):
             thrusts = self.allocation.solve(tau)
             return Answer(self._rounding.commands(thrusts, dt_s), self.allocation.wrench(thrusts))
+        self._rounding.forget()
         drives = self._at(U)
         narrowed = self._narrowed(drives, dt_s) if self._moving or self._rate_limited else None
         thrusts = self.allocation.solve(tau, narrowed)

@@ -29,8 +29,12 @@ class CarriedRounding:
         """drives: of actuators that do not feel the vessel's speed."""
         self._drives = drives
         self._levels = [_levels(drive) for drive in drives]
-        self._owed_n = [0.0] * len(drives)
-        self._at = [bisect_left(drive.between, 0.0) for drive in drives]
+        self._still = [bisect_left(drive.between, 0.0) for drive in drives]
+        self.forget()
+
+    def forget(self) -> None:
+        """Owe nothing: the next demand is rounded on its own."""
+        self._owed_n, self._at = [0.0] * len(self._drives), list(self._still)
 
     def commands(self, thrusts: Sequence[float], dt_s: float) -> list[float]:
         """Return the commands for thrusts in N within the limits, which will be in force for about dt_s."""

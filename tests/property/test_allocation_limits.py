@@ -13,6 +13,7 @@ from marine.allocation import (
     AttainableSet,
     allocation_matrix,
     scale_back,
+    vessel_allocation,
     weighted_pseudo_inverse,
 )
 from marine.vessel import QuadraticThrust, Thruster
@@ -141,3 +142,11 @@ def test_polygons_reach_as_far_as_a_linear_program(seed: int, heading: float) ->
         best = linprog(-towards @ B[[0, 2]], A_eq=A_eq, b_eq=np.zeros(len(zeros)) if zeros else None, bounds=bounds)
         assert best.fun is not None
         assert max((np.array(polygon) @ towards).tolist()) == pytest.approx(-best.fun, abs=1e-6)
+
+
+@given(st.lists(st.tuples(*[st.floats(-0.05, 0.05)] * 3), min_size=1, max_size=20))
+def test_no_wrench_is_no_command_at_once_whatever_is_owed(before: list[tuple[float, float, float]]) -> None:
+    allocation = vessel_allocation(PLADYPOS)
+    for wrench in before:
+        allocation.solve((*wrench[:2], 0.0, 0.0, 0.0, wrench[2]), 0.0, 1.0 / 30.0, carry=True)
+    assert allocation.solve((0.0,) * 6, 0.0, 1.0 / 30.0, carry=True).commands == [0.0] * 4
