@@ -18,7 +18,7 @@ from typing import Self
 import numpy as np
 
 from marine.estimation.ekf import Array, EkfTuning, PoseEkf, Verdict, inverse
-from marine.frames import wrap_angle
+from marine.frames import to_body, wrap_angle
 from marine.vessel import HorizontalModel
 
 _MOST = 1.1
@@ -56,10 +56,19 @@ class FaultTuning:
     window_s: float = 10.0
     """Longest time over which a failure is looked for, in `windows` steps of its beginning."""
     windows: int = 5
+    guess_drag_error: float = 1.0
+    guess_inertia_error: float = 0.7
+    """These two of a model that is a guess, wrong by 2 or 3: of a vessel before its identification."""
+    doubt: float = -3.0
+    """Before anything is seen: logarithm of how much likelier the model is such a guess than nearly right."""
+    most_doubt: float = 20.0
+    """Beyond it, either way, nothing is learnt."""
     threshold: float = 12.0
     """Least logarithm of the likelihood ratio against nothing failed."""
     margin: float = 2.5
     """Least logarithm of the likelihood ratio against the next actuator."""
+    clear: float = 6.0
+    """Least logarithm of the likelihood ratio against a model that is a guess, and none failed."""
     confirm: int = 3
     """So many steps in a row must say the same."""
     least_loss: float = 0.4
@@ -100,8 +109,9 @@ class FaultDetector:
 
     Besides the failures each window knows the signatures of what the model may be wrong about: the thrust of each
     actuator, drag and inertia of each axis. They have a Gaussian prior and are integrated out, so that a vessel that
-    moves otherwise than its model is none with a failure. Columns: n losses of thrust that begin with the window, 6
-    errors of the model, n actuators that do not follow since before: what they missed then is a disturbance that the
+    moves otherwise than its model is none with a failure. A failure must be likelier, too, than that the model is
+    wrong by a factor, by what is seen now and was seen before. Columns: n losses of thrust that begin with the window,
+    6 errors of the model, n actuators that do not follow since before: what they missed then is a disturbance that the
     filter has learnt, only what changes shows.
     """
 
@@ -134,6 +144,10 @@ class FaultDetector:
         self._noise = np.diag([tuning.position_m**2, tuning.position_m**2, tuning.heading_rad**2])
         errors = [tuning.thrust_error] * n + [tuning.drag_error] * _AXES + [tuning.inertia_error] * _AXES
         self._prior = np.diag(np.power(errors, -2.0))
+        errors[n:] = [tuning.guess_drag_error] * _AXES + [tuning.guess_inertia_error] * _AXES
+        self._guess = np.diag(np.power(errors, -2.0))
+        self.doubt = tuning.doubt
+        """Logarithm of how much likelier the model is a guess than nearly right, by all that was seen so far."""
         self._width = 2 * n + 2 * _AXES
         windows = tuning.windows
         self._error = np.zeros((9, windows * self._width))
@@ -171,6 +185,7 @@ class FaultDetector:
         if self._age_s >= self.tuning.window_s / self.tuning.windows:
             self._age_s = 0.0
             self._next = (self._next + 1) % self.tuning.windows
+            self._learn(self._next)
             self._begin(self._next, commanded)
         before = self.finding
         self.finding, sure = self._likeliest()
@@ -192,19 +207,38 @@ class FaultDetector:
         self._energy[window] = self._count[window] = 0.0
         self._origin[window] = thrusts
 
+    def _learn(self, window: int) -> None:
+        """Remember what a window that ends tells of the model, unless it may come from a failure."""
+        t, told = self.tuning, float(self._guessed()[window])
+        if self.finding is None or told > 2.0 * self.finding.ratio:
+            self.doubt = min(max(self.doubt + told / t.windows, -t.most_doubt), t.most_doubt)  # windows overlap
+
+    def _guessed(self) -> Array:
+        """Return, of each window, how much likelier the model is a guess than nearly right, none failed: logarithms."""
+        known = slice(0, -self._size)
+        information, score = self._information[:, known, known], self._score[:, known]
+        likelihoods = []
+        for prior in (self._guess, self._prior):
+            precision = information + prior
+            explained = np.einsum("wi,wi->w", score, np.linalg.solve(precision, score[:, :, None])[:, :, 0])
+            likelihoods.append(explained - np.linalg.slogdet(precision)[1] + np.linalg.slogdet(prior)[1])
+        return np.asarray(0.5 * (likelihoods[0] - likelihoods[1]))
+
     def _predict(self, ekf: PoseEkf, dt_s: float, thrusts: Array) -> None:
         n = self._size
         tau = self._columns @ (thrusts * (1.0 - self.lost))
         _, _, psi, *nu = ekf.state
         drag = [axis.drag(speed) for axis, speed in zip(self._axes, nu, strict=True)]
         X, Y, N = tau.tolist()
+        d_x, d_y, d_n = ekf.disturbance
+        pushed = (*to_body(d_x, d_y, psi), d_n)
         F = ekf.predict(dt_s, (X, Y, N))
         ekf.covariance[_NU, _NU] += [dt_s * variance for variance in self._model_noise(thrusts, drag, nu)]
         forces, (of_drag, of_inertia), h = self._forces, self._diagonals, 0.5 * dt_s
         forces[:, :, :n] = (self._columns * thrusts)[:, None, :]
         forces[:, :, -n:] = self._columns[:, None, :] * (thrusts - self._origin)
         of_drag[:] = drag
-        of_inertia[:] = tau - drag
+        of_inertia[:] = tau - drag + pushed
         gained = (-dt_s / self._inertia)[:, None] * forces.reshape(_AXES, -1)
         c, s = math.cos(psi), math.sin(psi)
         self._error = error = F.dot(self._error)
@@ -269,6 +303,7 @@ class FaultDetector:
         share = (explained[window] + found) / max(1e-12, 0.5 * self._energy[window])
         fits = left < t.misfit or share > t.share
         sure = found > t.threshold and found - others > t.margin and fits
+        sure = sure and found - max(0.0, self.doubt + float(self._guessed().max())) > t.clear
         return Finding(best, lost, found), bool(sure)
 
     def _marginal(self) -> tuple[Array, Array, Array]:
