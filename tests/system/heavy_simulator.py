@@ -11,10 +11,10 @@ from services.simulator.service import Simulator, SimulatorConfig
 HEAVY = 'simulation = true\nservices = { simulator = "tests.system.heavy_simulator:HeavySimulator" }'
 
 
-def heavier(model: HorizontalModel) -> HorizontalModel:
-    """Return a model with twice the inertia and half the drag of surge, sway and yaw."""
+def heavier(model: HorizontalModel, times: float = 2.0) -> HorizontalModel:
+    """Return a model with so many times the inertia of surge, sway and yaw, and the drag divided by that."""
     surge, sway, yaw = (
-        DegreeOfFreedom(2.0 * dof.alpha, 0.5 * dof.beta, 0.5 * dof.beta_quadratic)
+        DegreeOfFreedom(times * dof.alpha, dof.beta / times, dof.beta_quadratic / times)
         for dof in (model.surge, model.sway, model.yaw)
     )
     return HorizontalModel(surge, sway, yaw)
