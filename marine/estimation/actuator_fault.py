@@ -61,8 +61,8 @@ class FaultTuning:
     """These two of a model that is a guess, wrong by 2 or 3: of a vessel before its identification."""
     doubt: float = -3.0
     """Before anything is seen: logarithm of how much likelier the model is such a guess than nearly right."""
-    most_doubt: float = 20.0
-    """Beyond it, either way, nothing is learnt."""
+    most_doubt: float = 10.0
+    """Beyond it, either way, nothing is learnt: what seems a bad model may be a strange current, and pass."""
     threshold: float = 12.0
     """Least logarithm of the likelihood ratio against nothing failed."""
     margin: float = 2.5
