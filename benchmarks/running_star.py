@@ -19,7 +19,7 @@ from bus.clock import CLOCK
 from bus.messages import HelmAnswer, Message, OperatorRequest
 from bus.security import client_settings
 from bus.service import RawSample
-from bus.topics import HELM_ANSWER, OPERATOR_REQUEST, Topic
+from bus.topics import HELM_ANSWER, HELM_STATE, OPERATOR_REQUEST, Topic
 from bus.zenoh_bus import ZenohBus
 
 ROOT = Path(__file__).parent.parent
@@ -179,7 +179,8 @@ class RunningStar:
         return found
 
     def request(self, timeout_s: float = 5.0, **fields: Any) -> HelmAnswer:
-        """Ask the helm and return its answer."""
+        """Ask the helm, once it is there, and return its answer."""
+        self.wait(HELM_STATE, lambda _: True, 20.0, "the helm")
         values = {"request_id": f"{time.monotonic_ns()}", "client": "test", "attended": False, "lease_s": 600.0}
         header = {"stamp_ns": self.bus.clock.now_ns(), "source": "test"}
         request = OperatorRequest.model_validate(values | header | fields)

@@ -57,7 +57,7 @@ def list_recordings(
             continue
         size = f"{row['size_bytes'] / 1e6:.1f} MB"
         start = row["start"][:19].replace("T", " ")
-        complete = "yes" if row["complete"] else "being written" if row["grows"] else "no end"
+        complete = "yes" if row["complete"] else "growing" if row["grows"] else "no end"
         table.add_row(row["file"], start, f"{row['duration_s']:.1f} s", size, str(row["messages"]), complete)
     _wide(Console()).print(table)
 

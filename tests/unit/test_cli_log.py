@@ -43,7 +43,7 @@ def test_list(folder: Path) -> None:
         "grows": False,
     }
     assert (cut["complete"], cut["messages"], cut["grows"]) == (False, 11, True)
-    assert "being written" in call("list", folder).stdout
+    assert "growing" in call("list", folder).stdout
     os.utime(folder / "cut.mcap", (1.0, 1.0))
     table = call("list", folder).stdout
     assert [line.split("│")[-2].strip() for line in table.splitlines() if ".mcap" in line] == [
