@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 import time
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,7 +15,7 @@ from services.cli.errors import CliError
 from services.cli.system import System, current_path, running
 
 if TYPE_CHECKING:
-    from services.catalog import Settings
+    from services.catalog import Process, Settings
 
 DEFAULT_CONFIG = Path(__file__).parent.parent.parent / "config" / "simulation.toml"
 
@@ -67,7 +67,7 @@ def up(
     if warp != 1.0:
         print(f"Starboard: time runs {warp:g} times as fast")
     try:
-        supervise(settings.processes, deployment.run_dir, settings.path, _tell)
+        supervise(settings.processes, deployment.run_dir, settings.path, teller(settings.processes))
     finally:
         current_path().unlink(missing_ok=True)
         print("Starboard: everything has stopped")
@@ -124,6 +124,11 @@ def page_address(settings: Settings) -> str:
     return f"http://{host}:{getattr(ui, 'port', 8080)}/"
 
 
-def _tell(service: str, text: str) -> None:
-    print(f"{time.strftime('%H:%M:%S')}  {service:<15} {text}", flush=True)
-    sys.stdout.flush()
+def teller(processes: Iterable[Process]) -> Callable[[str, str], None]:
+    """Return what prints one line (service, text), the texts of all these processes below each other."""
+    width = max(len(p.name) for p in processes)
+
+    def tell(service: str, text: str) -> None:
+        print(f"{time.strftime('%H:%M:%S')}  {service:<{width}}  {text}", flush=True)
+
+    return tell

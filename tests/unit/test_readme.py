@@ -35,11 +35,13 @@ def test_the_service_of_twelve_lines_runs(
     settings = load_settings(tmp_path / "own.toml")
     bus = MemoryBus()
     bus.add(build(settings.process("alarm"), settings))
-    state = {"x_m": 0.8, "y_m": 1, "psi_rad": 0, "surge_m_s": 0, "sway_m_s": 0, "yaw_rad_s": 0, "measurement_age_s": 0}
+    rest = {"y_m": 1, "psi_rad": 0, "surge_m_s": 0, "sway_m_s": 0, "yaw_rad_s": 0, "measurement_age_s": 0}
     with caplog.at_level(logging.WARNING):
-        bus.publish(topics.NAVIGATION_STATE, NavigationState.model_validate(state | {"status": "tracking"}))
-        bus.run_for(0.2)
-    assert "only 0.80 m to the wall" in caplog.text
+        for x_m in (0.8, 0.79, 0.78, 1.2, 1.1, 0.7, 0.71):
+            state = rest | {"x_m": x_m, "status": "tracking"}
+            bus.publish(topics.NAVIGATION_STATE, NavigationState.model_validate(state))
+            bus.run_for(0.2)
+    assert caplog.messages == ["only 0.80 m to the wall", "only 0.70 m to the wall"], "on entering only"
 
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from services.catalog import PROCESSES
+from services.cli.up import teller
 from services.supervision import LogLines
 
 CRASH = b"""2026-11-22 06:37:39,123 controller: starting
@@ -36,3 +38,10 @@ def test_a_line_for_each_event_however_the_bytes_come(chunk: int) -> None:
         ("controller", f"its loop hangs: ended {where}"),
         ("controller", "goes on"),
     ]
+
+
+def test_the_texts_of_all_services_stand_below_each_other(capsys: pytest.CaptureFixture[str]) -> None:
+    tell = teller(PROCESSES)
+    for process in PROCESSES:
+        tell(process.name, "runs")
+    assert len({line.rindex("runs") for line in capsys.readouterr().out.splitlines()}) == 1
