@@ -134,8 +134,9 @@ class Hub(Service):
         if now_s - self._published_s >= STATISTICS_S:
             self._published_s = now_s
             self._store.renew_rates(round(now_s * NS))
+            clients = self._bus.count_clients()
             if self._tells(self._bus.linked):
-                self.statistics.publish(self._measured(self._bus.clients, self._bus.linked))
+                self.statistics.publish(self._measured(clients, self._bus.linked))
 
     def stop(self, now_s: float) -> None:
         """Save the last values."""

@@ -32,6 +32,10 @@ _SINCE = "since_ns"
 _NEWS = "@hub/news"
 """Where a hub tells the other one at once what came on a key that was new or quiet."""
 
+_CLIENTS = "@hub/clients"
+"""Where a hub tells the other one how many clients are connected to it."""
+_CLIENTS_DIGITS = 6
+
 
 class HubBus(ZenohBus):
     """The hub's own end of the bus: a router with the store, linked to the other hub if there is one.
@@ -53,11 +57,12 @@ class HubBus(ZenohBus):
         self._heard: zenoh.Subscriber[Any] | None = None
         self._hearing = threading.Lock()
         self._switching = threading.Lock()
-        self._pulled_to_ns = 0
+        self._pulled_to_ns = self._others = 0
         self.hear(everything=True)
         self._kept += [
             session.declare_queryable(self._key(_DUMP), self._dump),
             session.declare_subscriber(self._key(_NEWS), self._hear_news),
+            session.declare_subscriber(self._key(_CLIENTS), self._hear_clients),
             session.declare_queryable(self._key(TIME), self._tell_time, complete=True),
         ]
         self._answers = session.declare_queryable(self._key("**"), self._answer)
@@ -92,6 +97,16 @@ class HubBus(ZenohBus):
     def clients(self) -> int:
         """How many clients are connected to this hub."""
         return sum(t.whatami == zenoh.WhatAmI.CLIENT for t in self.session.info.transports())
+
+    def count_clients(self) -> int:
+        """Return how many clients are connected to either hub; tell the other one of ours.
+
+        Of its clients we know as of its last call: after a fail-over they stay with the standby.
+        """
+        own, linked = self.clients, self.linked
+        if linked:
+            self.session.put(self._key(_CLIENTS), str(own), allowed_destination=zenoh.Locality.REMOTE)
+        return own + (self._others if linked else 0)
 
     @property
     def linked(self) -> bool:
@@ -141,7 +156,7 @@ class HubBus(ZenohBus):
         self.hear(everything=True)  # until it is clear that nobody needs us
         if event.transport.whatami == zenoh.WhatAmI.ROUTER:
             self.pulled = False
-            self._pulled_to_ns = 0
+            self._pulled_to_ns = self._others = 0
 
     def fill_store(self) -> None:
         """Take over what has passed since the last call. In batches: a callback for each message would slow its way."""
@@ -192,6 +207,11 @@ class HubBus(ZenohBus):
     def _hear_news(self, sample: zenoh.Sample) -> None:
         if self._heard is None:  # who listens would count it twice
             self._learn(sample.payload)
+
+    def _hear_clients(self, sample: zenoh.Sample) -> None:
+        told = sample.payload.to_bytes()
+        if told.isdigit() and len(told) <= _CLIENTS_DIGITS:  # without passwords anybody may send nonsense
+            self._others = int(told)
 
     def _learn(self, dumped: zenoh.ZBytes) -> None:
         try:

@@ -99,7 +99,7 @@ def test_last_values_outlive_every_hub_in_turn(pair: HubPair) -> None:
     wait_for(lambda: kept(bus), 3.0, "it is kept")
     standbys = pair.folder / "run" / "hub_standby.snapshot"  # an idle standby asks for what is new ten times a second
     wait_for(lambda: standbys.exists() and sent.encode() in standbys.read_bytes(), 3.0, "the standby has it too")
-    for name in (*pair.names, pair.names[0]):
+    for turn, name in enumerate((*pair.names, pair.names[0])):
         pair.kill(name)
         late = pair.client()
         wait_for(partial(kept, late), 5.0, f"a late joiner gets it without {name}")
@@ -107,11 +107,11 @@ def test_last_values_outlive_every_hub_in_turn(pair: HubPair) -> None:
         pair.start(name)
         pair.wait_until_up(name)
 
-        def linked(since_ns: int = restarted_ns) -> bool:
+        def linked(since_ns: int = restarted_ns, ours: int = 2 + turn) -> bool:
             told = statistics(bus)
-            return told is not None and told.linked and told.stamp_ns > since_ns
+            return told is not None and told.linked and told.stamp_ns > since_ns and told.clients >= ours
 
-        wait_for(linked, 8.0, f"{name} is back beside the other hub")
+        wait_for(linked, 8.0, f"{name} is back beside the other hub, and the clients of both are counted")
 
 
 def test_an_idle_standby_is_told_at_once_what_nobody_may_say_again() -> None:

@@ -26,6 +26,7 @@ KEYS += [
     "*/state",
     "@hub/time",
     "@hub/store",
+    "@hub/clients",
     "service/nobody/heartbeat",
     "x" * 300,
 ]
