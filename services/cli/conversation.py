@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import sys
 import threading
+import time
 import uuid
 from collections.abc import Callable
 from functools import partial
@@ -20,6 +22,11 @@ if TYPE_CHECKING:
     M = TypeVar("M", bound=Message)
 
 ANSWER_S = 3.0
+THERE_S = 10.0
+"""So long a command waits for the service that shall answer: at the start of a star, or when it is started again."""
+TELL_S = 1.0
+"""After so long it says that it waits."""
+_LOOK_S = 0.05
 CLIENT = f"cli-{os.getpid()}"
 
 
@@ -49,11 +56,30 @@ class Conversation:
             return bool(self._changed.wait_for(until, timeout_s))
 
     def ask(self, request: OperatorRequest | TuningRequest, topic: Topic[Any], answers: Topic[Any]) -> HelmAnswer:
-        """Publish a request and return its answer, of a topic that is listened to; raise CliError without one."""
+        """Publish a request once somebody is there to answer it, and return the answer, of a topic listened to.
+
+        Raises CliError without one. A request that nobody hears is lost, as they are not kept. After THERE_S it is
+        sent all the same: it may be a stop.
+        """
+        there = self._await(answers.publisher)
         self.bus.publish(topic, request.stamped(self.bus.clock.now_ns(), 0, "cli"))
         if not self.wait(lambda: request.request_id in self._answers, ANSWER_S):
-            raise CliError(f"the {answers.publisher} did not answer within {ANSWER_S:.0f} s: see `starboard status`")
+            lacks = f"did not answer within {ANSWER_S:.0f} s" if there else f"was not there within {THERE_S:.0f} s"
+            raise CliError(f"the {answers.publisher} {lacks}: see `starboard status`")
         return self._answers[request.request_id]
+
+    def _await(self, service: str) -> bool:
+        """Wait until a service is on the bus; return whether it is."""
+        begin_s, told = time.monotonic(), False
+        while service not in self.bus.alive():
+            waited_s = time.monotonic() - begin_s
+            if waited_s > THERE_S:
+                return False
+            if waited_s > TELL_S and not told:
+                told = True
+                print(f"waiting for the {service}, which is not there yet", file=sys.stderr, flush=True)
+            time.sleep(_LOOK_S)
+        return True
 
     def _hear(self, topic: Topic[Any], sample: RawSample) -> None:
         from bus.messages import HelmAnswer

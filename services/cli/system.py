@@ -20,6 +20,11 @@ if TYPE_CHECKING:
 SECURITY = "STARBOARD_SECURITY"
 """Environment variable that names the security folder, for tools on a machine where no system runs."""
 
+HUB_S = 2.0
+"""So long a hub is looked for."""
+OWN_HUB_S = 10.0
+"""The same while a system runs on this machine, whose hub may be starting."""
+
 
 @dataclass(frozen=True)
 class System:
@@ -81,7 +86,7 @@ def service_states() -> list[dict[str, Any]]:
 
 
 @contextlib.contextmanager
-def client(hub: str | None, timeout_s: float = 2.0, vessel: str | None = None) -> Iterator[ZenohBus]:
+def client(hub: str | None, vessel: str | None = None) -> Iterator[ZenohBus]:
     """Connect a tool to the hub of the running system, or to the one given; raise CliError when nobody answers.
 
     `vessel` is the prefix of all keys, where it is not the running system's. The password of `operator` is the running
@@ -107,7 +112,7 @@ def client(hub: str | None, timeout_s: float = 2.0, vessel: str | None = None) -
         raise CliError(f"this hub asks for a password: set {SECURITY} to the folder made by `starboard secure init`")
     secured = client_settings(folder, "operator") if folder else None
     try:
-        bus = ZenohBus.connect(vessel or prefix, endpoints, timeout_s, secured)
+        bus = ZenohBus.connect(vessel or prefix, endpoints, HUB_S if hub or not system else OWN_HUB_S, secured)
     except HubUnreachableError as error:
         raise CliError(str(error)) from None
     try:

@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 from statistics import median
 
 import psutil
@@ -18,11 +19,14 @@ from benchmarks.result import percentile
 from benchmarks.running_star import free_port, wait_for
 from bus import topics
 from bus.hub import is_latched
-from bus.messages import HubStatistics, LinkStatus, Wrench
+from bus.messages import HelmAnswer, HubStatistics, LinkStatus, OperatorRequest, Wrench
 from bus.service import Input, RawSample, Service
 from bus.store import Store
 from bus.topics import CONTROL_WRENCH, HUB_STATISTICS, LINK_STATUS
 from bus.zenoh_bus import HubBus, HubUnreachableError, LastValue, ZenohBus
+from services.cli import conversation
+from services.cli.errors import CliError
+from services.cli.mode import mode
 from tests.unit.test_inputs import Reader
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(60)]
@@ -451,3 +455,38 @@ def test_a_storm_of_clients_leaves_the_stream_in_peace() -> None:
 def test_nobody_there_is_one_clear_error() -> None:
     with pytest.raises(HubUnreachableError, match="starboard up"):
         ZenohBus.connect("pladypos", (f"tcp/127.0.0.1:{free_port()}",), 0.3)
+
+
+def test_a_request_of_the_command_line_waits_for_the_helm(
+    pair: HubPair, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In the first second of a star there is a hub, but no helm: nothing keeps a request for it."""
+
+    class Answers(Service):
+        name = "helm"
+
+    def come() -> None:
+        bus = pair.client()
+
+        def answer(sample: RawSample) -> None:
+            request = OperatorRequest.decode(sample.payload)
+            told = HelmAnswer(request_id=request.request_id, client=request.client, accepted=True, reason="here it is")
+            bus.publish(topics.HELM_ANSWER, told.stamped(request.stamp_ns, 1, "helm"))
+
+        bus.subscribe(topics.OPERATOR_REQUEST.key, answer)
+        bus.attach(Answers(), lambda: None)
+
+    monkeypatch.setenv("STARBOARD_RUN_DIR", str(tmp_path))  # whatever else runs on this machine
+    with monkeypatch.context() as impatient:
+        impatient.setattr(conversation, "THERE_S", 0.2)
+        impatient.setattr(conversation, "ANSWER_S", 0.2)
+        with pytest.raises(CliError, match=r"the helm was not there within 0 s: see `starboard status`"):
+            mode("stop", hub=pair.hub)
+    assert not capsys.readouterr().err, "it says that it waits when that takes longer"
+    late = threading.Timer(conversation.TELL_S + 0.5, come)
+    late.start()
+    mode("hold", hub=pair.hub)
+    late.join()
+    shown = capsys.readouterr()
+    assert shown.out == "hold: accepted: here it is\n"
+    assert shown.err == "waiting for the helm, which is not there yet\n"
