@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from playwright.sync_api import Browser, Page, ViewportSize, expect
 
 from bus import messages as m
 from bus import topics
-from bus.service import RawSample
+from bus.memory_bus import MemoryBus
+from bus.service import RawSample, Service
 from services.vessels import load_vessel
 from tests.browser.fake_star import FakeStar, wait_for
 
@@ -120,12 +122,28 @@ def test_typed_numbers_choose_a_place_inside_the_pool(page: Page, star: FakeStar
     page.fill("#ref-x", "99")
     page.press("#ref-x", "Tab")
     expect(page.locator("#ref-x")).to_have_value("4.7")
-    expect(page.locator("#lease")).to_contain_text("limited by the walls to x 0.30 … 4.70 m, y 0.30 … 3.45 m")
+    lease = page.locator("#lease")
+    expect(lease).to_contain_text("limited by the walls to x 0.30 … 4.70 m)")
+    page.fill("#ref-psi", "90")
+    page.fill("#ref-y", "-1")
+    page.press("#ref-y", "Tab")
+    expect(lease).to_contain_text("limited by the walls to x 0.30 … 4.70 m, y 0.30 … 3.45 m)")
+    page.fill("#ref-x", "4")
+    expect(lease).to_contain_text("limited by the walls to y 0.30 … 3.45 m)")
+    page.fill("#ref-x", "99")
     page.click("#hold")
     wait_for(lambda: star.requests, "a request")
     request = star.requests[0]
     assert request.x_m == pytest.approx(5.0 - 0.3)
     assert request.psi_rad == pytest.approx(math.pi / 2)
+
+
+def test_why_a_clicked_place_was_limited_is_told_while_the_heading_is_dragged(page: Page) -> None:
+    press_at(page, 4.95, 2.0, drag=(-60.0, 0.0))
+    expect(page.locator("#ref-psi")).to_have_value("180")
+    expect(page.locator("#lease")).to_contain_text("limited by the walls to x 0.30 … 4.70 m)")
+    press_at(page, 4.5, 2.0)
+    expect(page.locator("#lease")).not_to_contain_text("limited")
 
 
 COUNT_OF_COLOUR = """([x0, y0, x1, y1]) => {
@@ -409,6 +427,31 @@ def test_the_banner_shouts_when_bus_helm_or_server_fall_silent(page: Page, star:
     expect(banner).to_be_hidden()
 
 
+def test_a_wish_waits_for_a_helm_that_is_silent_unless_stop_takes_it_back(page: Page, star: FakeStar) -> None:
+    def silent() -> None:
+        star.do(lambda bus: bus.pause("helm"))
+        expect(page.locator("#banner")).to_contain_text("The helm is silent")
+
+    def there() -> None:
+        star.do(lambda bus: bus.resume("helm"))
+        expect(page.locator("#banner")).to_be_hidden()
+
+    def asked() -> list[m.Mode | None]:
+        return [r.mode for r in star.requests if r.action == "mode"]
+
+    silent()
+    page.click("#hold")
+    expect(page.locator(".toast").last).to_contain_text("The helm is silent: hold waits for it")
+    page.click("#stop")
+    there()
+    wait_for(lambda: asked() == ["stop"], "only a stop was asked for")
+    silent()
+    page.click("#hold")
+    there()
+    expect(page.locator("#mode")).to_have_text("holding")
+    assert asked() == ["stop", "hold"]
+
+
 def test_a_stop_pressed_without_a_connection_is_sent_after_it(page: Page, star: FakeStar) -> None:
     take_stick(page)
     page.click("#hold")
@@ -451,6 +494,49 @@ def test_bad_measurements_are_told_with_their_reason(page: Page, star: FakeStar)
     row = page.locator('#health [data-service="simulator"]')
     expect(row).to_have_attribute("data-level", "warn")
     expect(row).to_contain_text("operator/joystick: dropped a malformed message: surge")
+
+
+class Notes(Service):
+    """Heartbeats of services that have something to tell."""
+
+    name = "notes"
+    rate_hz = 5.0
+    notes: ClassVar = {
+        "estimator": "the measured pose jumped by 0.75 m and 0 degrees: believed after 5 poses",
+        "experiment": "engaged models: recordings/pladypos-engaged.toml",
+        "hub": "last values not saved: No space left on device",
+    }
+
+    def __init__(self, bus: MemoryBus) -> None:
+        self.bus = bus
+
+    def step(self, now_s: float) -> None:
+        for name, note in self.notes.items():
+            beat = m.Heartbeat(
+                state="running", pid=1, rate_hz=1, late_steps=0, step_mean_ms=0, step_max_ms=0, note=note
+            )
+            self.bus.publish(topics.HEARTBEAT.of(name), beat)
+
+
+def test_the_lamp_goes_back_when_what_a_note_tells_of_is_over(star: FakeStar, browser: Browser) -> None:
+    with browser.new_context(viewport=DESK) as context:
+        page = context.new_page()
+        page.clock.install()
+        open_page(page, star.url)
+        star.do(lambda bus: bus.add(Notes(bus)))
+        page.click("[data-tab=health]")
+        lamp, row = page.locator("#lamp-services"), '#health [data-service="{}"]'
+        expect(lamp).to_have_attribute("title", re.compile("estimator: the measured pose jumped by 0.75 m"))
+        expect(page.locator(row.format("estimator"))).to_have_attribute("data-level", "warn")
+        expect(page.locator(row.format("experiment"))).to_have_attribute("data-level", "ok")
+        for _ in range(12):  # 18 s, in steps: the page takes a longer silence for a dead connection
+            stamp_ns = page.evaluate("starboard.state.values['service/hub/heartbeat'].stamp_ns")
+            page.clock.fast_forward(1500)
+            page.wait_for_function(f"starboard.state.values['service/hub/heartbeat'].stamp_ns > {stamp_ns}")
+        expect(page.locator(row.format("estimator"))).to_have_attribute("data-level", "ok")
+        expect(page.locator(row.format("estimator"))).to_contain_text("the measured pose jumped")
+        expect(lamp).to_have_attribute("title", re.compile("hub: last values not saved"))
+        expect(lamp).not_to_have_attribute("title", re.compile("estimator"))
 
 
 @pytest.mark.parametrize("size", [DESK, TABLET, UPRIGHT, PHONE], ids=["desk", "tablet", "upright", "phone"])

@@ -4,8 +4,10 @@ import { age, bytes, fixed, h, rate, text } from "./format.js";
 import { toast } from "./toasts.js";
 
 const DEAD_S = 2.5;
-const JUMPED_MS = 15000;
+const HAPPENED_MS = 15000;
 const REFUSED_MS = 3000;
+const ENDED = /^the measured pose jumped |: dropped a malformed message: /; // notes of what happened; others tell of what lasts
+const WELL = /^engaged models: /;
 const beat = (name) => `service/${name}/heartbeat`;
 
 export class Health {
@@ -18,6 +20,7 @@ export class Health {
       ...system.actuators.map((name) => this.actuatorRow(name)));
     this.element.append(this.actuators, this.table, this.devices);
     this.rows = new Map();
+    this.notes = new Map(); // service -> {told, at}: its note, and since when
     this.measured = { jumps: NaN, rejected: NaN, jumpedAt: -Infinity, rejectedAt: -Infinity };
   }
 
@@ -36,14 +39,23 @@ export class Health {
     return [...new Set([...this.system.services, ...seen])].sort();
   }
 
-  /** {state, level} of a service by its heartbeat. */
+  /** {state, level, why} of a service by its heartbeat. */
   judge(name) {
     const heartbeat = this.store.get(beat(name));
     if (!heartbeat) return { state: "not seen", level: "off" };
     const silentS = (performance.now() - this.store.variables.get(beat(name)).receivedAt) / 1000;
     if (heartbeat.state === "stopping") return { state: "stopped", level: "off" };
     if (silentS > DEAD_S) return { state: `silent ${age(silentS)}`, level: "error" };
-    return { state: heartbeat.state, level: heartbeat.note || heartbeat.state !== "running" ? "warn" : "ok" };
+    if (heartbeat.state === "running" && !this.warns(name, heartbeat)) return { state: "running", level: "ok" };
+    return { state: heartbeat.state, level: "warn", why: heartbeat.note };
+  }
+
+  /** Whether a service's note is a reason to look: one of something that is over only while it is new. */
+  warns(name, { note, malformed }) {
+    const told = `${note} ${malformed}`;
+    if (this.notes.get(name)?.told !== told) this.notes.set(name, { told, at: performance.now() });
+    const over = WELL.test(note) || (ENDED.test(note) && performance.now() - this.notes.get(name).at > HAPPENED_MS);
+    return note !== "" && !over;
   }
 
   tick() {
@@ -150,9 +162,12 @@ export class Health {
     lamp("lamp-camera", !camera ? "off" : refused ? "warn" : { tracking: "ok", searching: "warn", no_camera: "error" }[camera.state], !camera ? "Camera silent" : camera.state === "no_camera" ? "No camera" : `Camera ${seen}`);
     const recorder = this.store.fresh("recorder/status", DEAD_S);
     lamp("recording", !recorder ? "off" : { recording: "rec", idle: "warn", error: "error" }[recorder.state], recorder?.state === "recording" ? `REC ${bytes(recorder.size_bytes)}` : recorder ? `Recorder ${recorder.state}` : "Not recording");
-    const levels = this.names().map((name) => this.judge(name).level);
+    const judged = this.names().map((name) => [name, this.judge(name)]);
+    const levels = judged.map(([, { level }]) => level);
     const good = levels.filter((level) => level === "ok" || level === "warn").length;
     lamp("lamp-services", levels.includes("error") ? "error" : good < levels.length || levels.includes("warn") ? "warn" : "ok", `Services ${good}/${levels.length}`);
+    const why = judged.filter(([, { level }]) => level !== "ok").map(([name, { state, why }]) => `${name}: ${why || state}`);
+    document.getElementById("lamp-services").title = ["Show the services", ...why].join("\n");
   }
 
   /** Everything that must be shouted now, worst first: [level, title, detail, what to do about it]. */
@@ -174,7 +189,7 @@ export class Health {
     if (camera?.state === "no_camera" && state?.status !== "tracking") alarms.push(["warn", "No camera", ` ${camera.error}`]);
     else if (!state) alarms.push(["warn", "No position", camera?.state === "searching" ? " The camera does not see the vessel." : " The estimator is silent."]);
     else if (state.status === "lost") alarms.push(["warn", "Position lost", " The camera does not see the vessel."]);
-    if (now - this.measured.jumpedAt < JUMPED_MS) {
+    if (now - this.measured.jumpedAt < HAPPENED_MS) {
       const told = /^the measured pose jumped (.*)$/.exec(this.store.get(beat("estimator"))?.note ?? "")?.[1];
       alarms.push(["warn", "The measured pose jumped", ` ${told ?? ""}. The vessel goes back slowly.`]);
     }

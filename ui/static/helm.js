@@ -5,6 +5,7 @@ import { toast } from "./toasts.js";
 
 const RENEW_MS = 1000;
 const ANSWER_MS = 1500;
+const THERE_MS = 5000; // so long a wish waits for a helm that is silent
 const MINE = "You have the helm";
 const NAMES = { stop: "stopped", manual: "manual", hold: "holding", heading: "keeping heading", experiment: "experiment",
   depth: "keeping depth", speed: "keeping speed", line: "following line", path: "following path", distance: "keeping distance" };
@@ -39,6 +40,7 @@ export class Helm {
   constructor(link, store, reference, route, system) {
     Object.assign(this, { link, store, reference, route });
     this.waiting = new Map(); // request_id -> {mode, reference}
+    this.later = null; // the wish that waits for a silent helm
     this.requests = 0;
     this.renewedAt = 0;
     this.modeOutput = document.querySelector("#mode");
@@ -65,6 +67,7 @@ export class Helm {
   }
 
   stop() {
+    this.later = null;
     const wish = this.request("stop");
     if (this.link.send(wish)) return;
     this.link.afterReconnect = wish;
@@ -80,8 +83,20 @@ export class Helm {
     this.ask("hold", this.reference.chosen ?? {});
   }
 
+  /** Ask at once; while the helm is silent as soon as it is there: it would not hear. */
   ask(mode, pose = {}, take = false) {
-    if (!this.link.send(this.request(mode, pose, take))) toast("No connection to the server.", { level: "error" });
+    this.later = this.link.open && !this.state ? { mode, pose, take, until: performance.now() + THERE_MS } : null;
+    if (this.later) toast(`The helm is silent: ${mode} waits for it, STOP takes it back`);
+    else if (!this.link.send(this.request(mode, pose, take))) toast("No connection to the server.", { level: "error" });
+  }
+
+  askLater() {
+    const { mode, pose, take, until } = this.later;
+    if (this.state) this.ask(mode, pose, take);
+    else if (performance.now() > until) {
+      this.later = null;
+      toast(`The helm is silent: ${mode} was not asked for`, { level: "error" });
+    }
   }
 
   request(mode, pose = {}, take = false) {
@@ -119,6 +134,7 @@ export class Helm {
   }
 
   show() {
+    if (this.later) this.askLater();
     const state = this.state;
     const mode = state?.mode ?? "";
     this.modeOutput.dataset.mode = mode;

@@ -1,6 +1,6 @@
 // The pool from above in {E}: x to the right, y downwards, psi clockwise, as the camera sees it.
 
-import { fixed } from "./format.js";
+import { DEG, fixed } from "./format.js";
 import { curves } from "./route.js";
 
 const TRAIL_S = 60;
@@ -72,15 +72,14 @@ export class PoolMap {
       if (!from || event.pointerId !== from.pointerId) return;
       const [dx, dy] = [event.clientX - from.clientX, event.clientY - from.clientY];
       if (Math.hypot(dx, dy) < DRAG_PX) return;
-      const deg = Math.round((Math.atan2(dy, dx) * 180) / Math.PI);
-      this.reference.choose({ ...this.reference.chosen, psi_rad: (deg * Math.PI) / 180 });
+      this.reference.turnTo(Math.atan2(dy, dx) * DEG);
       this.draw();
     });
     for (const end of ["pointerup", "pointercancel"]) this.canvas.addEventListener(end, () => (from = null));
     this.canvas.addEventListener("wheel", (event) => {
       if (!this.reference.chosen) return;
       event.preventDefault();
-      this.reference.turn(5 * Math.sign(event.deltaY));
+      this.reference.turnTo(this.reference.chosen.psi_rad * DEG + 5 * Math.sign(event.deltaY));
       this.draw();
     }, { passive: false });
   }

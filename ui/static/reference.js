@@ -2,6 +2,8 @@
 
 import { DEG, fixed, wrapDeg } from "./format.js";
 
+const PLACE = ["x_m", "y_m"];
+
 const round = (value, digits) => Number(value.toFixed(digits));
 
 export class Reference {
@@ -10,7 +12,8 @@ export class Reference {
     this.system = system;
     this.current = current;
     this.chosen = null;
-    this.fields = { x_m: this.field("#ref-x"), y_m: this.field("#ref-y"), psi_deg: this.field("#ref-psi") };
+    this.limits = {}; // by axis: what the walls allow where it is not what was asked for
+    this.fields = { x_m: this.field("#ref-x", "x_m"), y_m: this.field("#ref-y", "y_m"), psi_deg: this.field("#ref-psi", "psi_deg") };
     this.clearButton = document.querySelector("#ref-clear");
     this.clearButton.onclick = () => this.clear();
     document.querySelector("#reference").onsubmit = (event) => {
@@ -19,46 +22,51 @@ export class Reference {
     };
   }
 
-  field(selector) {
+  field(selector, name) {
     const input = document.querySelector(selector);
-    input.addEventListener("input", () => this.readFields());
+    input.addEventListener("input", () => this.readFields(name));
     input.addEventListener("change", () => this.chosen && this.write(this.chosen, true));
     return input;
   }
 
   choose(pose) {
-    this.keepInside(pose);
+    this.keepInside(pose, PLACE);
     this.write(this.chosen);
   }
 
-  /** Choose a pose as near to it as the walls allow; `limit` says what they allow when it is not that. */
-  keepInside({ x_m, y_m, psi_rad }) {
+  /** Choose a pose as near to it as the walls allow; what they said of numbers that are not `given` now still holds. */
+  keepInside({ x_m, y_m, psi_rad }, given) {
     const { pool, radius_m } = this.system;
-    const inside = (value, length) => round(Math.max(radius_m, Math.min(length - radius_m, value)), 3);
-    this.chosen = { x_m: inside(x_m, pool.length_x_m), y_m: inside(y_m, pool.length_y_m), psi_rad };
-    const room = (length) => `${fixed(radius_m, 2)} … ${fixed(length - radius_m, 2)} m`;
-    const moved = Math.hypot(this.chosen.x_m - x_m, this.chosen.y_m - y_m) > 1e-3;
-    this.limit = moved ? `x ${room(pool.length_x_m)}, y ${room(pool.length_y_m)}` : "";
+    const inside = (name, value, length) => {
+      const kept = round(Math.max(radius_m, Math.min(length - radius_m, value)), 3);
+      const limited = Math.abs(kept - value) > 1e-3;
+      if (given.includes(name)) this.limits[name] = limited && `${name[0]} ${fixed(radius_m, 2)} … ${fixed(length - radius_m, 2)} m`;
+      return kept;
+    };
+    this.chosen = { x_m: inside("x_m", x_m, pool.length_x_m), y_m: inside("y_m", y_m, pool.length_y_m), psi_rad };
     this.clearButton.disabled = false;
   }
 
   clear() {
     this.chosen = null;
+    this.limits = {};
     this.clearButton.disabled = true;
     this.follow();
   }
 
-  turn(deg) {
-    const psi = wrapDeg(Math.round(this.chosen.psi_rad * DEG + deg));
-    this.choose({ ...this.chosen, psi_rad: psi / DEG });
+  /** Choose another heading at the chosen place. */
+  turnTo(deg) {
+    this.chosen = { ...this.chosen, psi_rad: wrapDeg(Math.round(deg)) / DEG };
+    this.write(this.chosen);
   }
 
-  readFields() {
+  readFields(typed) {
     const base = this.chosen ?? this.current();
     if (!base) return;
     const { x_m, y_m, psi_deg } = this.fields;
     const value = (input, fallback) => (Number.isFinite(input.valueAsNumber) ? input.valueAsNumber : fallback);
-    this.keepInside({ x_m: value(x_m, base.x_m), y_m: value(y_m, base.y_m), psi_rad: wrapDeg(value(psi_deg, base.psi_rad * DEG)) / DEG });
+    const pose = { x_m: value(x_m, base.x_m), y_m: value(y_m, base.y_m), psi_rad: wrapDeg(value(psi_deg, base.psi_rad * DEG)) / DEG };
+    this.keepInside(pose, this.chosen ? [typed] : PLACE);
   }
 
   write({ x_m, y_m, psi_rad }, typed = false) {
@@ -76,7 +84,7 @@ export class Reference {
 
   describe() {
     const { x_m, y_m, psi_rad } = this.chosen;
-    const limit = this.limit ? ` (limited by the walls to ${this.limit})` : "";
-    return `${fixed(x_m, 2)} m, ${fixed(y_m, 2)} m, ${fixed(psi_rad * DEG, 0)}°${limit}`;
+    const limits = PLACE.map((name) => this.limits[name]).filter(Boolean).join(", ");
+    return `${fixed(x_m, 2)} m, ${fixed(y_m, 2)} m, ${fixed(psi_rad * DEG, 0)}°${limits && ` (limited by the walls to ${limits})`}`;
   }
 }
