@@ -93,7 +93,10 @@ class MemoryBus:
 
     def publish_bytes(self, key: str, payload: bytes) -> None:
         """Put any bytes on a key, as a broken client would."""
-        self._offer(self._route_of(key), payload)
+        for offer, its_key, woken in self._route_of(key):
+            offer(payload, its_key)
+            if woken:
+                self._ready[woken] = None
 
     def last(self, topic: Topic[M]) -> M | None:
         """Return the last message of a topic."""
@@ -144,7 +147,7 @@ class MemoryBus:
                 return
             del self._ready[name]
             stepper = self._steppers[name]
-            if stepper.woken(now_ns):
+            if not stepper.choosy or stepper.woken(now_ns):
                 stepper.step(now_ns)
         raise RuntimeError(f"services wake each other without end: {list(self._ready)}")
 
@@ -158,7 +161,11 @@ class MemoryBus:
         if route is None:
             route = self._route_of(key)
         if route:
-            self._offer(route, message.encode() if self._json else message)
+            sample = message.encode() if self._json else message
+            for offer, its_key, woken in route:
+                offer(sample, its_key)
+                if woken:
+                    self._ready[woken] = None
         if self._raw_readers:
             raw = RawSample(key, message.encode(), self.clock.now_ns())
             for name, raw_port in self._raw_readers:
@@ -184,9 +191,3 @@ class MemoryBus:
         for key, (topic, message) in self._last.items():
             if topic.latched and matches(port.topic.pattern, key):
                 port.offer_retained(self._encoded(message), key)
-
-    def _offer(self, route: list[_Reader], sample: bytes | Message) -> None:
-        for offer, key, woken in route:
-            offer(sample, key)
-            if woken:
-                self._ready[woken] = None

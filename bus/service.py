@@ -46,12 +46,27 @@ class RawSample(NamedTuple):
     received_ns: int
 
 
-@dataclass
+@dataclass(slots=True)
 class Moment:
     """The time of the running step and the name that goes into headers; shared by the ports of one service."""
 
     now_ns: int = 0
     source: str = ""
+
+
+class _Line:
+    """What came under one key: how many offers, from whom, and by how much his count is ahead of the offers.
+
+    That grows by what was lost on the way, whatever the input itself drops or the hub keeps for late joiners.
+    """
+
+    __slots__ = ("ahead", "key", "offers", "publisher")
+
+    def __init__(self, key: str) -> None:
+        self.key = key
+        self.offers = 0
+        self.publisher: str | None = None
+        self.ahead = 0
 
 
 class Input(Generic[M]):
@@ -62,6 +77,30 @@ class Input(Generic[M]):
     when the content differs from the message before. A topic with a placeholder (`service/{name}/heartbeat`) is read
     on all its keys; the newest of each is in `by_key`.
     """
+
+    __slots__ = (
+        "_arrived",
+        "_held_until_ns",
+        "_lines",
+        "_pending",
+        "_taken",
+        "by_key",
+        "changed_only",
+        "dropped",
+        "gaps",
+        "idle",
+        "is_pattern",
+        "latest",
+        "malformed",
+        "max_age_s",
+        "min_interval_ns",
+        "overwritten",
+        "problem",
+        "queue",
+        "topic",
+        "updated",
+        "wakes",
+    )
 
     def __init__(
         self,
@@ -98,28 +137,27 @@ class Input(Generic[M]):
         """Messages that a newer one replaced before the service looked, where it wants only the latest."""
         self.problem = ""
         limit = self.queue or (PATTERN_BACKLOG if self.is_pattern else BACKLOG)
-        self._pending: deque[tuple[str, int, bytes | Message]] = deque(maxlen=limit)
-        self._offers: dict[str, int] = {}
+        self._pending: deque[tuple[_Line, int, bytes | Message]] = deque(maxlen=limit)
+        self._lines: dict[str, _Line] = {"": _Line("")}
         self._arrived: list[M] = []
         self._taken: list[M] = []
-        self._counts: dict[str, tuple[str, int]] = {}
-        """Of each key the publisher, and by how much its count is ahead of the offers: that grows by what was lost."""
         self._held_until_ns = 0
         self.idle = True
         """Whether `refresh` has nothing to do: most inputs, most of the time."""
 
     def offer(self, sample: bytes | Message, key: str = "") -> None:
         """Hand over a sample; called by the transport, from any thread. `key` matters to a topic of many keys only."""
-        pending, offers = self._pending, self._offers
-        offers[key] = number = offers.get(key, 0) + 1
+        pending, line = self._pending, self._lines.get(key) or self._lines.setdefault(key, _Line(key))
+        line.offers = number = line.offers + 1
         if len(pending) == pending.maxlen:
             self._miss(1)
-        pending.append((key, number, sample))
+        pending.append((line, number, sample))
         self.idle = False
 
     def offer_retained(self, sample: bytes | Message, key: str = "") -> None:
         """Hand over the last value the hub kept, unless something newer came already."""
-        if key not in self._offers:
+        line = self._lines.get(key)
+        if line is None or not line.offers:
             self.offer(sample, key)
 
     def refuse(self, reason: str) -> None:
@@ -173,19 +211,19 @@ class Input(Generic[M]):
     def _decode_pending(self) -> None:
         pending, kind = self._pending, self.topic.message
         while pending:
-            key, number, sample = pending.popleft()
+            line, number, sample = pending.popleft()
             message = sample if isinstance(sample, kind) else self._decode(sample)
             if message is None:
                 continue
-            count, before_it = (message.source, message.seq - number), self._counts.get(key)
-            if count != before_it:
-                if before_it is not None and before_it[0] == count[0]:
-                    missing = count[1] - before_it[1]
-                    self.gaps += missing if 0 < missing <= MAX_GAP else 0
-                self._counts[key] = count
+            content = message.__dict__  # of a pydantic model that is quicker than its attributes
+            ahead, publisher = content["seq"] - number, content["source"]
+            if ahead != line.ahead or publisher != line.publisher:
+                missing = ahead - line.ahead if publisher == line.publisher else 0
+                self.gaps += missing if 0 < missing <= MAX_GAP else 0
+                line.ahead, line.publisher = ahead, publisher
             before, self.latest = self.latest, message
             if self.is_pattern:
-                before, self.by_key[key] = self.by_key.get(key), message
+                before, self.by_key[line.key] = self.by_key.get(line.key), message
             if not (self.changed_only and before is not None and _content(before) == _content(message)):
                 self._arrived.append(message)
 
@@ -215,6 +253,8 @@ class Input(Generic[M]):
 class RawInput:
     """Everything that fits a pattern, undecoded: for the recorder and the page."""
 
+    __slots__ = ("_pending", "dropped", "pattern", "queue", "wakes")
+
     def __init__(self, pattern: str = "**", *, queue: int = 20000, wakes: bool = False) -> None:
         self.pattern = pattern
         self.queue = queue
@@ -242,6 +282,8 @@ class RawInput:
 
 class Output(Generic[M]):
     """What a service publishes."""
+
+    __slots__ = ("_moment", "_send", "_sequence", "topic")
 
     def __init__(self, topic: Topic[M]) -> None:
         self.topic = topic

@@ -72,7 +72,10 @@ class Stepper:
             self._busy_s += spent_s
             self._longest_s = max(self._longest_s, spent_s)
         self._steps += 1
-        self._schedule(now_ns)
+        if now_ns < self.due_ns:  # woken by an input
+            self.due_ns = now_ns + self.period_ns
+        else:
+            self._keep_pace(now_ns)
         if now_ns - self._beat_ns >= HEARTBEAT_NS:
             self._beat("running", now_ns)
 
@@ -89,10 +92,7 @@ class Stepper:
         offered = [at for port in self.choosy if not port.idle and (at := port.due_ns(now_ns)) is not None]
         return min([self.due_ns, *offered])
 
-    def _schedule(self, now_ns: int) -> None:
-        if now_ns < self.due_ns:  # woken by an input
-            self.due_ns = now_ns + self.period_ns
-            return
+    def _keep_pace(self, now_ns: int) -> None:
         if now_ns - self.due_ns > self.period_ns:
             self._late += 1
         self.due_ns += self.period_ns
