@@ -36,6 +36,7 @@ MAX_GAP = 1_000_000
 MAX_PAYLOAD_BYTES = 4_000_000
 """A larger payload is malformed without a look: parsing it would hold up the step."""
 _HEADER = frozenset(Message.model_fields)
+_stamped = Message.stamped  # looking up a method of a pydantic model takes longer than the call
 
 
 class RawSample(NamedTuple):
@@ -300,7 +301,7 @@ class Output(Generic[M]):
         if self._send is None:
             raise RuntimeError(f"{self.topic.key}: the service is on no bus")
         moment = self._moment
-        stamped = message.stamped(moment.now_ns, self._sequence, moment.source)
+        stamped = _stamped(message, moment.now_ns, self._sequence, moment.source)
         self._sequence += 1
         self._send(self.topic, stamped)
         return stamped
