@@ -11,6 +11,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from camera_tracker.calibration import read_json
 from camera_tracker.plane import CameraFile
+from tests.browser.cut_texts import cut_texts_at_all_sizes
 from tests.browser.fake_star import VESSEL, FakeStar
 from tests.browser.test_page import DESK, open_page
 
@@ -68,6 +69,7 @@ def test_from_the_board_before_the_lens_to_a_saved_file(page: Page, tmp_path: Pa
     expect(page.locator("#calibration-result")).to_contain_text("Reprojection error 0.", timeout=30_000)
     expect(page.locator("#calibration-automatic")).not_to_be_checked()
     expect(page.locator("#calibration-coverage [data-state=covered]").first).to_be_visible()
+    assert cut_texts_at_all_sizes(page) == []
     page.click("#calibration-save")
     expect(page.locator("#calibration-result")).to_contain_text("File: ", timeout=30_000)
     shown = re.search(r"File: (\S+)", page.inner_text("#calibration-result"))

@@ -20,6 +20,7 @@ from bus.config import Deployment
 from services.experiment import ExperimentConfig, Experiments
 from services.helm import Helm
 from services.vessels import VESSELS_DIR, load_vessel
+from tests.browser.cut_texts import cut_texts_at_all_sizes
 from tests.browser.test_page import DESK, open_page
 from tests.star import Star
 from tests.system.heavy_simulator import heavier
@@ -174,6 +175,20 @@ def test_the_slider_changes_what_is_predicted(page: Page) -> None:
     expect(yaw).to_have_text("0.93 → 0.47")
     page.locator("#tune [name=yaw_w0_rad_s]").fill("-1")
     expect(yaw).to_have_text("0.93 → 1.87")
+
+
+@pytest.mark.parametrize("star", ["pladypos", pytest.param("videoray", marks=pytest.mark.soak)], indirect=True)
+def test_no_text_is_cut_in_any_tab_at_any_width(page: Page) -> None:
+    expect(page.locator("#faults-button")).to_be_visible()
+    for field, longest in (("x", "3.875"), ("y", "2.125"), ("psi", "-179.9"), ("speed", "0.125")):
+        page.fill(f"#ref-{field}", longest)
+    cut = {}
+    for tab in page.locator("[role=tab]").all():
+        tab.click()
+        shown = page.locator(f"#{tab.get_attribute('data-tab')}")
+        expect(shown.locator("button, table tbody td").first).to_be_visible()
+        cut[tab.inner_text()] = cut_texts_at_all_sizes(page)
+    assert not any(cut.values()), cut
 
 
 @pytest.mark.parametrize("star", ["charlie"], indirect=True)

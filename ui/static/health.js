@@ -8,6 +8,7 @@ const HAPPENED_MS = 15000;
 const REFUSED_MS = 3000;
 const ENDED = /^the measured pose jumped |: dropped a malformed message: /; // notes of what happened; others tell of what lasts
 const WELL = /^engaged models: /;
+const breakable = (name) => name.split(/(?<=_)/).flatMap((part) => [part, h("wbr")]);
 const beat = (name) => `service/${name}/heartbeat`;
 
 export class Health {
@@ -69,7 +70,7 @@ export class Health {
 
   actuatorRow(name) {
     const button = (label, works) => h("button", { type: "button", onclick: () => this.say(name, works) }, label);
-    return h("tbody", { "data-actuator": name }, h("tr", {}, h("th", { scope: "row" }, name), h("td", { class: "num" }), h("td", { class: "num" }),
+    return h("tbody", { "data-actuator": name }, h("tr", {}, h("th", { scope: "row" }, ...breakable(name)), h("td", { class: "num" }), h("td", { class: "num" }),
       h("td", { class: "actions" }, button("Leave it out", false), button("Works again", true))));
   }
 
@@ -100,7 +101,7 @@ export class Health {
   addRow(name) {
     const cells = Array.from({ length: 6 }, () => h("td", { class: "num" }));
     const note = h("td", { colspan: "7" });
-    const row = { cells, note, body: h("tbody", { "data-service": name }, h("tr", {}, h("th", { scope: "row" }, name), ...cells), h("tr", { class: "note", hidden: true }, note)) };
+    const row = { cells, note, body: h("tbody", { "data-service": name }, h("tr", {}, h("th", { scope: "row" }, ...breakable(name)), ...cells), h("tr", { class: "note", hidden: true }, note)) };
     const next = [...this.table.tBodies].find((body) => body.dataset.service > name);
     this.table.insertBefore(row.body, next ?? null);
     this.rows.set(name, row);

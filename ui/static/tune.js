@@ -88,6 +88,7 @@ export class Tune {
   /** What there is to do now, in a sentence. */
   next(gains, state, changed) {
     const holds = this.system.tuned.length > 1;
+    const place = !this.helm.holdButton.hidden;
     if (["running", "identifying"].includes(state))
       return `The vessel ${holds ? "swings to and fro about its place, half a minute to a minute" : "goes ahead and weaves for a minute or two"}. STOP ends it. Nothing is changed by it.`;
     const found = Object.entries(this.proposal?.models ?? {}).filter(([axis, model]) => JSON.stringify(model) !== JSON.stringify(gains.tuning.models[axis]));
@@ -97,8 +98,8 @@ export class Tune {
       return `Found ${told.join("; ")}. Engage goes on with it, without a jump; until then nothing has changed.`;
     }
     if (changed) return "Changed here, not on the vessel: Engage takes it over, Discard forgets it.";
-    if (gains.engaged) return `In force. ${holds ? "Hold keeps a place" : "Speed and lines keep a heading"} with it; Back to before undoes it.`;
-    return `Unknown vessel, three clicks: Tune identifies it (it swings for ${holds ? "half a minute an axis" : "a minute or two"}), Engage takes over what was found, ${holds ? "Hold" : "Speed"}.`;
+    if (gains.engaged) return `In force. ${place ? "Hold keeps a place" : "Speed and lines keep a heading"} with it; Back to before undoes it.`;
+    return `Unknown vessel, three clicks: Tune identifies it (it swings for ${holds ? "half a minute an axis" : "a minute or two"}), Engage takes over what was found, ${place ? "Hold" : "Speed"}.`;
   }
 
   /** The lines of a configuration file that make what was engaged last: empty when the file has it already. */
