@@ -31,7 +31,7 @@ _CUT = """arrow => {
       break;
     }
   }
-  for (const box of shown.filter((one) => one.matches("input, .tab, .panel, main, header, [role=tablist]")))
+  for (const box of shown.filter((one) => one.matches("input, th, button, .tab, .panel, main, header, [role=tablist]")))
     if (box.scrollWidth > box.clientWidth + 1)
       cut.push(`${box.tagName} #${box.id} ${box.name ?? ""}: ${box.scrollWidth} px in ${box.clientWidth}`);
   const pen = document.createElement("canvas").getContext("2d");

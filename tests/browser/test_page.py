@@ -409,6 +409,8 @@ def test_the_banner_shouts_when_bus_helm_or_server_fall_silent(page: Page, star:
         update={"mode": "hold", "status": "armed", "suspended": True, "reason": "no wrench from the controller"}
     )
     expect(banner).to_contain_text("no wrench from the controller")
+    star.helm.wanted = m.HelmState(mode="stop", status="fault", reason="suspended for 10 s: the pose is lost")
+    expect(banner).to_contain_text("the pose is lost. It has stopped: choose a mode to go on.")
     star.helm.wanted = m.HelmState(mode="stop", status="disarmed")
     expect(banner).to_be_hidden()
     star.vessel.unplugged = "/dev/video0: no such camera"

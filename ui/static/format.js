@@ -8,7 +8,7 @@ export const wrapDeg = (deg) => deg - 360 * Math.ceil((deg - 180) / 360);
 export function number(value) {
   if (Number.isInteger(value)) return String(value).replace("-", "−");
   const size = Math.abs(value);
-  if (size !== 0 && size < 0.001) return value.toExponential(2);
+  if (size !== 0 && size < 0.001) return value.toExponential(2).replaceAll("-", "−");
   return value.toFixed(size < 1 ? 4 : size < 100 ? 3 : 1).replace("-", "−");
 }
 
@@ -42,6 +42,9 @@ export function h(tag, attributes = {}, ...children) {
   element.append(...children);
   return element;
 }
+
+/** A key or name as parts between which a line may break. */
+export const breakable = (name) => name.split(/(?<=[/_.])/).flatMap((part) => [part, h("wbr")]);
 
 /** Set a text only when it changed: a write costs layout. */
 export function text(element, value) {

@@ -1,6 +1,6 @@
 // How the services and the devices fare: lamps in the head, the Services tab, and what the banner must shout.
 
-import { age, bytes, fixed, h, rate, text } from "./format.js";
+import { age, breakable, bytes, fixed, h, rate, text } from "./format.js";
 import { toast } from "./toasts.js";
 
 const DEAD_S = 2.5;
@@ -8,7 +8,6 @@ const HAPPENED_MS = 15000;
 const REFUSED_MS = 3000;
 const ENDED = /^the measured pose jumped |: dropped a malformed message: /; // notes of what happened; others tell of what lasts
 const WELL = /^engaged models: /;
-const breakable = (name) => name.split(/(?<=_)/).flatMap((part) => [part, h("wbr")]);
 const beat = (name) => `service/${name}/heartbeat`;
 
 export class Health {
@@ -184,7 +183,7 @@ export class Health {
     const state = this.store.fresh("navigation/state", 1);
     const link = this.store.fresh("link/status", DEAD_S);
     if (!helm) alarms.push(["error", "The helm is silent", " The mode shown is not certain."]);
-    else if (helm.status === "fault") alarms.push(["error", "Fault", ` ${helm.reason}`]);
+    else if (helm.status === "fault") alarms.push(["error", "Fault", ` ${helm.reason}. It has stopped: choose a mode to go on.`]);
     else if (helm.suspended) alarms.push(["error", "Suspended", ` ${helm.reason || "the thrusters are at zero"}`]);
     const camera = this.store.fresh("camera/status", DEAD_S);
     if (camera?.state === "no_camera" && state?.status !== "tracking") alarms.push(["warn", "No camera", ` ${camera.error}`]);

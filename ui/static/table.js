@@ -1,6 +1,6 @@
 // Every field of every key: value, unit, age, rate. A click on a number plots it.
 
-import { age, h, number, rate, text } from "./format.js";
+import { age, breakable, h, number, rate, text } from "./format.js";
 import { leaves } from "./store.js";
 
 export class Table {
@@ -24,6 +24,7 @@ export class Table {
       for (const [path, value] of leaves(variable.value)) {
         const row = group.rows.get(path) ?? this.addRow(key, group, path);
         text(row.value, shown(value));
+        if (typeof value === "string") row.value.title = value; // it may be longer than the column
         if (typeof value === "number" && row.button.disabled) row.button.disabled = false;
       }
     }
@@ -32,7 +33,7 @@ export class Table {
   add(key) {
     const { doc } = this.describe(key, "");
     const group = { body: h("tbody", { "data-key": key }), age: h("td", { class: "num" }), rate: h("td", { class: "num" }), rows: new Map() };
-    group.body.append(h("tr", { class: "group", title: doc }, h("th", { scope: "rowgroup" }, key), group.age, group.rate, h("td"), h("td")));
+    group.body.append(h("tr", { class: "group", title: doc }, h("th", { scope: "rowgroup" }, ...breakable(key)), group.age, group.rate));
     const next = [...this.element.tBodies].find((body) => body.dataset.key > key);
     this.element.insertBefore(group.body, next ?? null);
     this.groups.set(key, group);
@@ -41,9 +42,9 @@ export class Table {
 
   addRow(key, group, path) {
     const { unit, doc } = this.describe(key, path);
-    const button = h("button", { type: "button", disabled: true, title: doc || `plot ${key} ${path}`, onclick: () => this.plots.toggle(key, path) }, path);
+    const button = h("button", { type: "button", disabled: true, title: doc || `plot ${key} ${path}`, onclick: () => this.plots.toggle(key, path) }, ...breakable(path));
     const value = h("td", { class: "num" });
-    const element = h("tr", { "data-path": path }, h("td", { colspan: "3" }, button), value, h("td", { class: "unit" }, unit));
+    const element = h("tr", { "data-path": path }, h("td", {}, button), value, h("td", { class: "unit" }, unit));
     group.body.append(element);
     const row = { element, button, value, search: `${key} ${path} ${unit}`.toLowerCase() };
     group.rows.set(path, row);
