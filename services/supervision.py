@@ -180,7 +180,7 @@ class Star(Supervisor):  # type: ignore[misc]
     def _tell_end(self, entry: ServiceState, state: str, process: Any) -> None:
         if self.stopping:
             return
-        reason = (process.spawnerr or "ended").split(";")[0]
+        reason = (process.spawnerr or "ended").split(";")[0].replace("Bad exit code -1", "killed by a signal")
         ending = {"fatal": "gives up; see its log", "backoff": "waits a moment, then starts again"}
         self.tell(entry.name, f"{reason}: {ending.get(state, 'starts again')}")
 

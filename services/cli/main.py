@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from typing import Annotated
+from typing import Annotated, cast
 
 import typer
 
@@ -19,6 +19,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+UsageError = cast("type[typer.BadParameter]", typer.BadParameter.__base__)
+"""What typer raises for a wrong option or argument, and, with the help as its message, for none where one is needed."""
 
 COMMANDS = {
     "run": "services.cli.run:run",
@@ -88,7 +91,15 @@ def main() -> None:
     """Run a command; a mistake of use is one line on stderr and exit code 2."""
     _register(sys.argv[1] if len(sys.argv) > 1 else None)
     try:
-        app()
+        sys.exit(app(standalone_mode=False) or 0)  # what it returns is the code of a typer.Exit
+    except UsageError as error:
+        message = error.format_message()
+        where = error.ctx.command_path if error.ctx else "starboard"
+        print(message if "\n" in message else f"{where}: {message} (`{where} --help`)", file=sys.stderr)
+        sys.exit(2)
+    except typer.Abort:  # a question without an answer
+        print("starboard: ended", file=sys.stderr)
+        sys.exit(1)
     except (CliError, ConfigError) as error:
         print(f"starboard: {error}", file=sys.stderr)
         sys.exit(2)

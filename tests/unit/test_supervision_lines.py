@@ -1,12 +1,14 @@
 """What `starboard up` prints of its services' logs."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from services.catalog import PROCESSES
 from services.cli.up import teller
-from services.supervision import LogLines
+from services.supervision import LogLines, ServiceState, Star
 
 CRASH = b"""2026-11-22 06:37:39,123 controller: starting
 Traceback (most recent call last):
@@ -45,3 +47,15 @@ def test_the_texts_of_all_services_stand_below_each_other(capsys: pytest.Capture
     for process in PROCESSES:
         tell(process.name, "runs")
     assert len({line.rindex("runs") for line in capsys.readouterr().out.splitlines()}) == 1
+
+
+def test_how_a_service_ended_is_told_in_words() -> None:
+    told: list[tuple[str, str]] = []
+    star: Any = SimpleNamespace(stopping=False, tell=lambda *line: told.append(line))
+    for spawnerr in ("Bad exit code -1", "Bad exit code 3; not expected", None):
+        Star._tell_end(star, ServiceState("helm"), "stopped", SimpleNamespace(spawnerr=spawnerr))
+    assert [text for _, text in told] == [
+        "killed by a signal: starts again",
+        "Bad exit code 3: starts again",
+        "ended: starts again",
+    ]

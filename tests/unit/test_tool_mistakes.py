@@ -1,6 +1,7 @@
 """Mistakes with the tools of the bus: one line that says what to do."""
 
 import socket
+import sys
 import time
 from collections import deque
 from pathlib import Path
@@ -16,6 +17,7 @@ from logs.writer import LogWriter
 from services.catalog import load_settings
 from services.cli import watch
 from services.cli.errors import CliError
+from services.cli.main import main
 from services.cli.play import play
 from services.cli.status import _comparable, _service
 from services.cli.system import client
@@ -88,3 +90,25 @@ def test_stamps_are_comparable_to_what_the_two_worst_clocks_allow() -> None:
     services = [{"name": name, "clock_uncertainty_ms": value} for name, value in measured.items()]
     assert _comparable(services) == {"comparable_ms": 1.1, "not_measured": ["old"]}
     assert _comparable(services[:1]) == {"comparable_ms": None, "not_measured": []}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["mode"], "starboard mode: Missing argument 'name'. (`starboard mode --help`)"),
+        (["mode", "hold", "--x-m", "abc"], "starboard mode: Invalid value for '--x-m': "),
+        (["mode", "hold", "--z", "1"], "starboard mode: No such option: --z (`starboard mode --help`)"),
+        (["nonsense"], "starboard: No such command 'nonsense'. (`starboard --help`)"),
+        (["mode", "nonsense"], "starboard: no mode is called 'nonsense'"),
+    ],
+)
+def test_a_wrong_command_line_is_one_line(
+    arguments: list[str], told: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["starboard", *arguments])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith(told)
