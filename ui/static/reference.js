@@ -71,8 +71,9 @@ export class Reference {
 
   write({ x_m, y_m, psi_rad }, typed = false) {
     const show = (input, value) => (typed || document.activeElement !== input) && (input.value = value);
-    show(this.fields.x_m, round(x_m, 3));
-    show(this.fields.y_m, round(y_m, 3));
+    const metres = (value) => Number(round(value, 3).toPrecision(6)); // what the field has room for, on a lake too
+    show(this.fields.x_m, metres(x_m));
+    show(this.fields.y_m, metres(y_m));
     show(this.fields.psi_deg, round(psi_rad * DEG, 1));
   }
 
