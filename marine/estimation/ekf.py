@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marine.dynamics.integrate import State
-from marine.dynamics.uncoupled import Tau, UncoupledModel
+from marine.dynamics.uncoupled import STILL_WATER, Tau, UncoupledModel
 from marine.frames import wrap_angle
 from marine.vessel import DegreeOfFreedom, HorizontalModel
 
@@ -86,20 +86,20 @@ class PoseEkf:
 
     def predict(self, dt_s: float, tau: Tau) -> Array:
         """Go forward by dt_s (at most some 0.1 s) with the wrench tau in {B}; return the transition matrix (9, 9)."""
-        before = self.state
-        x, y, psi, u, v, r = after = self._dynamics.step(before, dt_s, tau, disturbance=self.disturbance)
-        middle = (x, y, 0.5 * (before[2] + psi), 0.5 * (before[3] + u), 0.5 * (before[4] + v), 0.5 * (before[5] + r))
-        F = self._transition(middle, dt_s)
-        self.state = (x, y, wrap_angle(psi), u, v, after[5])
+        _, _, psi_0, u_0, v_0, r_0 = self.state
+        x, y, psi, u, v, r = self._dynamics.step(self.state, dt_s, tau, STILL_WATER, self.disturbance)
+        F = self._transition(0.5 * (psi_0 + psi), 0.5 * (u_0 + u), 0.5 * (v_0 + v), 0.5 * (r_0 + r), dt_s)
+        self.state = (x, y, wrap_angle(psi), u, v, r)
         self.covariance = F.dot(self.covariance).dot(F.T) + self._walk * dt_s  # dot: half the price of @
         self._suspect_age_s += dt_s
         return F
 
-    def _transition(self, state: State, dt_s: float) -> Array:
+    def _transition(self, psi: float, u: float, v: float, r: float, dt_s: float) -> Array:
         """Return I + A dt, (9, 9), A being the derivative of the model by the state."""
-        _, _, psi, u, v, r = state
         d_x, d_y, _ = self.disturbance
-        surge, sway, yaw = self._dynamics.model.surge, self._dynamics.model.sway, self._dynamics.model.yaw
+        model = self._dynamics.model
+        surge, sway, yaw = model.surge, model.sway, model.yaw
+        m_u, m_v, m_r = surge.alpha, sway.alpha, yaw.alpha
         c, s = dt_s * math.cos(psi), dt_s * math.sin(psi)
         F = _IDENTITY.copy()
         F[0, 2] = -s * u - c * v
@@ -108,16 +108,16 @@ class PoseEkf:
         F[1, 2] = c * u - s * v
         F[1, 3] = s
         F[2, 5] = dt_s
-        F[3, 2] = (c * d_y - s * d_x) / surge.alpha
+        F[3, 2] = (c * d_y - s * d_x) / m_u
         F[3, 3] = _decay(surge, u, dt_s)
-        F[3, 6] = c / surge.alpha
-        F[3, 7] = s / surge.alpha
-        F[4, 2] = (-s * d_y - c * d_x) / sway.alpha
+        F[3, 6] = c / m_u
+        F[3, 7] = s / m_u
+        F[4, 2] = (-s * d_y - c * d_x) / m_v
         F[4, 4] = _decay(sway, v, dt_s)
-        F[4, 6] = -s / sway.alpha
-        F[4, 7] = c / sway.alpha
+        F[4, 6] = -s / m_v
+        F[4, 7] = c / m_v
         F[5, 5] = _decay(yaw, r, dt_s)
-        F[5, 8] = dt_s / yaw.alpha
+        F[5, 8] = dt_s / m_r
         return F
 
     def update(self, x_m: float, y_m: float, psi_rad: float, noise: Array | None = None) -> Verdict:
