@@ -25,8 +25,10 @@ class UncoupledModel:
     def __init__(self, model: HorizontalModel) -> None:
         self.model = model
         surge, sway, yaw = model.surge, model.sway, model.yaw
-        self._level = (surge.beta, surge.beta_quadratic, 1.0 / surge.alpha)
-        self._level += (sway.beta, sway.beta_quadratic, 1.0 / sway.alpha)
+        self._level = (
+            *(surge.beta, surge.beta_quadratic, 1.0 / surge.alpha),
+            *(sway.beta, sway.beta_quadratic, 1.0 / sway.alpha),
+        )
         self._yaw = (yaw.beta, yaw.beta_quadratic, 1.0 / yaw.alpha)
 
     def derivative(

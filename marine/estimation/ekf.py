@@ -8,7 +8,6 @@ noise, the disturbances being random walks otherwise. Measurement: the pose, the
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -48,6 +47,8 @@ class EkfTuning:
 
 
 _IDENTITY = np.eye(9)
+_SYMMETRIC_AFTER = 8
+"""So often the covariance is made symmetric: an update costs a third more with it, and rounding errors grow slowly."""
 
 
 class Verdict(Enum):
@@ -76,6 +77,15 @@ class PoseEkf:
         walks = [t.velocity_walk_m_s] * 2 + [t.yaw_rate_walk_rad_s] + [t.force_walk_n] * 2 + [t.moment_walk_nm]
         self._walk = np.diag([0.0] * 3 + [w * w for w in walks])
         self._dynamics = UncoupledModel(model)
+        self.innovation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+        """Of the last update: measured less expected pose, ..."""
+        self.surprise = 0.0
+        """... its squared Mahalanobis distance, ..."""
+        self.weight: Array = np.zeros((3, 3))
+        """... the inverse of its covariance, ..."""
+        self.gain: Array = np.zeros((9, 3))
+        """... and what it was multiplied by."""
+        self._updates = 0
         self._suspect: tuple[float, float, float] | None = None
         self._suspects = 0
         self._suspect_age_s = 0.0
@@ -126,23 +136,28 @@ class PoseEkf:
         noise (3, 3): covariance of the measured pose, m and rad; None: that of the tuning.
         """
         x, y, psi, u, v, r = self.state
-        d_x, d_y, d_n = self.disturbance
         P = self.covariance
-        PH = P[:, :3]
         e_x, e_y, e_psi = x_m - x, y_m - y, wrap_angle(psi_rad - psi)
-        (a, b, c), (_, d, e), (_, _, f) = PH[:3].tolist()
+        (a, b, c), (_, d, e), (_, _, f) = P[:3, :3].tolist()
         (xx, xy, xp), (_, yy, yp), (_, _, pp) = self._noise if noise is None else noise.tolist()
-        S_inverse = inverse(((a + xx, b + xy, c + xp), (b + xy, d + yy, e + yp), (c + xp, e + yp, f + pp)))
-        (a, b, c), (_, d, e), (_, _, f) = S_inverse
-        w = (a * e_x + b * e_y + c * e_psi, b * e_x + d * e_y + e * e_psi, c * e_x + e * e_y + f * e_psi)
-        if not w[0] * e_x + w[1] * e_y + w[2] * e_psi <= self.tuning.gate:  # not a number is refused, too
+        S_inverse = inverse(a + xx, b + xy, c + xp, d + yy, e + yp, f + pp)
+        a, b, c, _, d, e, _, _, f = S_inverse
+        w_x, w_y, w_psi = a * e_x + b * e_y + c * e_psi, b * e_x + d * e_y + e * e_psi, c * e_x + e * e_y + f * e_psi
+        self.surprise = w_x * e_x + w_y * e_y + w_psi * e_psi
+        if not self.surprise <= self.tuning.gate:  # not a number is refused, too
             return self._suspected(x_m, y_m, psi_rad)
         self._suspects = 0
-        dx, dy, dpsi, du, dv, dr, dd_x, dd_y, dd_n = PH.dot(w).tolist()
+        PH = P[:, :3]
+        self.weight = np.array(S_inverse).reshape(3, 3)
+        self.gain = K = PH.dot(self.weight)
+        self.innovation = (e_x, e_y, e_psi)
+        dx, dy, dpsi, du, dv, dr, dd_x, dd_y, dd_n = K.dot(self.innovation).tolist()
+        d_x, d_y, d_n = self.disturbance
         self.state = (x + dx, y + dy, wrap_angle(psi + dpsi), u + du, v + dv, r + dr)
         self.disturbance = (d_x + dd_x, d_y + dd_y, d_n + dd_n)
-        P = P - PH.dot(S_inverse).dot(PH.T)
-        self.covariance = 0.5 * (P + P.T)
+        P = P - K.dot(PH.T)
+        self._updates += 1
+        self.covariance = P if self._updates % _SYMMETRIC_AFTER else 0.5 * (P + P.T)
         return Verdict.USED
 
     def _suspected(self, x_m: float, y_m: float, psi_rad: float) -> Verdict:
@@ -177,10 +192,15 @@ def _decay(dof: DegreeOfFreedom, nu: float, dt_s: float) -> float:
     return 1.0 - dt_s * (dof.beta + 2.0 * dof.beta_quadratic * abs(nu)) / dof.alpha
 
 
-def inverse(S: Sequence[Sequence[float]]) -> tuple[tuple[float, float, float], ...]:
-    """Return the inverse of a symmetric positive 3 x 3 matrix: a tenth of what numpy.linalg.inv costs."""
-    (a, b, c), (_, d, e), (_, _, f) = S
+def inverse(  # noqa: PLR0917 - a matrix
+    a: float, b: float, c: float, d: float, e: float, f: float
+) -> tuple[float, ...]:
+    """Return the inverse of the symmetric positive matrix [a b c; b d e; c e f], row by row.
+
+    A tenth of what numpy.linalg.inv costs.
+    """
     A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
     D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
     k = 1.0 / (a * A + b * B + c * C)
-    return (k * A, k * B, k * C), (k * B, k * D, k * E), (k * C, k * E, k * F)
+    A, B, C, D, E, F = k * A, k * B, k * C, k * D, k * E, k * F
+    return A, B, C, B, D, E, C, E, F
