@@ -48,7 +48,8 @@ class ActuatorMonitor:
 
     def command(self, command: ActuatorCommand) -> None:
         """Take in what the actuators are told."""
-        thrusts = [drive.thrust(command.commands.get(name, 0.0)) for name, drive in self._drives.items()]
+        commands = command.commands
+        thrusts = [drive.thrust(commands.get(name, 0.0)) for name, drive in self._drives.items()]
         at_ns = command.stamp_ns + self._delay_ns
         if not self._thrusts or at_ns > self._thrusts[-1][0]:
             self._thrusts.append((at_ns, thrusts))

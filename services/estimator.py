@@ -28,6 +28,7 @@ from services.wall_tracker import WallTracker
 from services.wrenches import Wrenches
 
 _NEAREST_NS = 1_000_000
+_FUTURE_NS = round(FUTURE_TOLERANCE_S * NS)
 WALL_PERIOD_S = 0.1
 DEPTH_LOST_S = 1.0
 """A depth sensor that says nothing for so long says nothing about now."""
@@ -149,17 +150,18 @@ class Estimator(Service):
         if (vessel := vessel_in_force(self._vessel, self.gains)) is not self._vessel:
             self._take_models(vessel)
         for wrench in self.delivered.take():
-            surge, sway, heave, _, _, yaw = wrench.vector()
-            self._depth.heave_n = heave
-            if wrench.stamp_ns <= now_ns + FUTURE_TOLERANCE_S * NS:
-                self._wrenches.add(wrench.stamp_ns, (surge, sway, yaw))
-                self._wall.wrench(wrench.stamp_ns, (surge, sway, yaw))
-        if self._seen_ns > now_ns + FUTURE_TOLERANCE_S * NS:  # the machine's clock was set back
+            surge, sway, self._depth.heave_n, _, _, yaw = wrench.vector()
+            stamp_ns, tau = wrench.stamp_ns, (surge, sway, yaw)
+            if stamp_ns <= now_ns + _FUTURE_NS:
+                self._wrenches.add(stamp_ns, tau)
+                if self._wall.possible:
+                    self._wall.wrench(stamp_ns, tau)
+        if self._seen_ns > now_ns + _FUTURE_NS:  # the machine's clock was set back
             self._forget()
             self._seen_ns = self._used_ns = 0
             self._wrenches.clear()
-        headings = self.compass.take()
-        self._headings.extend((c.stamp_ns, c.psi_rad) for c in headings)
+        if headings := self.compass.take():
+            self._headings.extend((c.stamp_ns, c.psi_rad) for c in headings)
         for pose in self._fixes() if self._instruments else self.pose.take():
             if pose.name not in self._names:
                 continue
@@ -212,32 +214,33 @@ class Estimator(Service):
 
     def _acceptable(self, pose: CameraPose, now_ns: int) -> bool:
         """Whether a pose is worth looking at: in time and in order, in the pool, good and with a heading."""
-        age_s = (now_ns - pose.stamp_ns) / NS
-        if not -FUTURE_TOLERANCE_S <= age_s <= self._lost_after_s or pose.stamp_ns < self._seen_ns + _NEAREST_NS:
+        stamp_ns, x_m, y_m, pool = pose.stamp_ns, pose.x_m, pose.y_m, self._pool
+        age_s = (now_ns - stamp_ns) / NS
+        if not -FUTURE_TOLERANCE_S <= age_s <= self._lost_after_s or stamp_ns < self._seen_ns + _NEAREST_NS:
             return False
-        self._seen_ns = pose.stamp_ns
+        self._seen_ns = stamp_ns
         return (
-            pose.x_m is not None
-            and pose.y_m is not None
-            and abs(pose.x_m - 0.5 * self._pool.length_x_m) < self._pool.length_x_m
-            and abs(pose.y_m - 0.5 * self._pool.length_y_m) < self._pool.length_y_m
+            x_m is not None
+            and y_m is not None
+            and abs(x_m - 0.5 * pool.length_x_m) < pool.length_x_m
+            and abs(y_m - 0.5 * pool.length_y_m) < pool.length_y_m
             and pose.quality >= self._config.min_quality
             and not pose.heading_ambiguous
         )
 
     def _take_in(self, pose: CameraPose) -> bool:
         """Correct the estimate by a pose; return whether the pose was used."""
-        x_m, y_m, psi_rad = pose.x_m or 0.0, pose.y_m or 0.0, pose.psi_rad
-        if (pose.stamp_ns - self._used_ns) / NS > self._lost_after_s:
+        stamp_ns, x_m, y_m, psi_rad = pose.stamp_ns, pose.x_m or 0.0, pose.y_m or 0.0, pose.psi_rad
+        if (stamp_ns - self._used_ns) / NS > self._lost_after_s:
             self._forget()
         if self._config.enabled:
-            if not self._filter(pose.stamp_ns, x_m, y_m, psi_rad, _noise(pose)):
+            if not self._filter(stamp_ns, x_m, y_m, psi_rad, _noise(pose)):
                 return False
         else:
-            self._measure(pose.stamp_ns, x_m, y_m, psi_rad)
-        self._used_ns = pose.stamp_ns
+            self._measure(stamp_ns, x_m, y_m, psi_rad)
+        self._used_ns = stamp_ns
         if self._monitor is not None:
-            self._monitor.pose(pose.stamp_ns, x_m, y_m, psi_rad)
+            self._monitor.pose(stamp_ns, x_m, y_m, psi_rad)
         return True
 
     def _forget(self) -> None:
@@ -286,21 +289,19 @@ class Estimator(Service):
 
     def _publish(self, now_ns: int) -> None:
         age_s = (now_ns - self._used_ns) / NS
-        until_ns = min(now_ns, self._used_ns + round(self._lost_after_s * NS))
-        ekf = self._ekf
-        if ekf is not None:
-            if until_ns > self._filter_ns:
+        d_x = d_y = d_n = x_std = y_std = psi_std = None
+        if (ekf := self._ekf) is not None:
+            if now_ns > self._filter_ns:
                 ekf = copy.copy(ekf)
-                self._advance(ekf, self._filter_ns, until_ns)
+                self._advance(ekf, self._filter_ns, min(now_ns, self._used_ns + round(self._lost_after_s * NS)))
             x_m, y_m, psi_rad, u, v, r = ekf.state
+            d_x, d_y, d_n = ekf.disturbance
+            x_std, y_std, psi_std = map(math.sqrt, ekf.covariance.diagonal().tolist()[:3])
         elif self._measured is not None:
             x_m, y_m, psi_rad, u, v, r = self._measured
         else:
             return
         z_m, heave_m_s = self._depth.at(now_ns)
-        d_x, d_y, d_n = ekf.disturbance if ekf else (None, None, None)
-        P = ekf.covariance.diagonal()[:3].tolist() if ekf else ()
-        x_std, y_std, psi_std = map(math.sqrt, P) if P else (None, None, None)
         self.state.publish(
             NavigationState(
                 origin_ns=self._used_ns,

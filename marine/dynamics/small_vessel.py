@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from marine.dynamics.integrate import State, rk4
+from marine.dynamics.integrate import State
 from marine.dynamics.uncoupled import STILL_WATER, UNDISTURBED, Tau, UncoupledModel
 from marine.vessel import DegreeOfFreedom, HorizontalModel, SmallVesselModel
 
@@ -83,8 +83,7 @@ class SmallVesselDynamics:
     ) -> State:
         """Return the state dt_s later; tau in {B}, n_squared: mean squared command of the thrusters, both constant."""
         biased = (tau[0], tau[1], tau[2] + self.model.yaw_bias_nm * n_squared)
-        model = self.at(n_squared)
-        return rk4(model.derivative, state, dt_s, biased, current_m_s, disturbance)
+        return self.at(n_squared).step(state, dt_s, biased, current_m_s, disturbance)
 
 
 def mean_square(commands: Sequence[float]) -> float:

@@ -17,8 +17,8 @@ from typing import Self
 
 import numpy as np
 
-from marine.estimation.ekf import Array, EkfTuning, PoseEkf, Verdict, inverse
-from marine.frames import to_body, wrap_angle
+from marine.estimation.ekf import Array, EkfTuning, PoseEkf, Verdict
+from marine.frames import to_body
 from marine.vessel import HorizontalModel
 
 _MOST = 1.1
@@ -26,7 +26,7 @@ _MOST = 1.1
 _BEFORE = 0.5
 """Weight of the evidence that an actuator had failed before: errors of the model look more like that."""
 _AXES = 3
-_NU = [3, 4, 5]
+_ALL = slice(None)
 _GATE = 1e4
 """Squared Mahalanobis distance beyond which a pose is not used: a failure surprises the filter more than noise does."""
 
@@ -123,8 +123,14 @@ class FaultDetector:
         self._axes = (model.surge, model.sway, model.yaw)
         self._model = model
         self._columns = np.array(columns, dtype=float).T
-        self._inertia = np.array([axis.alpha for axis in self._axes])
         self._columns_squared = np.square(self._columns)
+        changes = (tuning.current_change_m_s, tuning.current_change_m_s, 0.0)  # a current does not turn
+        kept = [2.0 * tuning.model_noise_s / axis.alpha**2 for axis in self._axes]
+        self._noises = [
+            (k * tuning.model_noise**2, k * change**2, axis.beta, 2.0 * axis.beta_quadratic)
+            for axis, change, k in zip(self._axes, changes, kept, strict=True)
+        ]
+        """Of each axis: variance of acceleration by force and drag in N^2 or (Nm)^2, by their slope; drag's slope."""
         n = self._size = self._columns.shape[1]
         self.lost = np.zeros(n)
         """Part of each actuator's thrust that is known to be lost."""
@@ -141,21 +147,27 @@ class FaultDetector:
             moment_walk_nm=tuning.moment_walk_nm,
             gate=_GATE,
         )
-        self._noise = np.diag([tuning.position_m**2, tuning.position_m**2, tuning.heading_rad**2])
         errors = [tuning.thrust_error] * n + [tuning.drag_error] * _AXES + [tuning.inertia_error] * _AXES
         self._prior = np.diag(np.power(errors, -2.0))
         errors[n:] = [tuning.guess_drag_error] * _AXES + [tuning.guess_inertia_error] * _AXES
-        self._guess = np.diag(np.power(errors, -2.0))
+        self._priors = np.stack((np.diag(np.power(errors, -2.0)), self._prior))[:, None]
+        """Of a model that is a guess, and of one nearly right: information about all columns but the last n."""
+        self._prior_sizes = np.linalg.slogdet(self._priors)[1]
         self.doubt = tuning.doubt
         """Logarithm of how much likelier the model is a guess than nearly right, by all that was seen so far."""
         self._width = 2 * n + 2 * _AXES
         windows = tuning.windows
-        self._error = np.zeros((9, windows * self._width))
-        """What each hypothesis does to the filter's state, those of one window after those of the other."""
-        self._forces = np.zeros((_AXES, windows, self._width))
-        self._diagonals = [self._forces[:, :, at : at + _AXES].diagonal(axis1=0, axis2=2) for at in (n, n + _AXES)]
-        for diagonal in self._diagonals:
-            diagonal.flags.writeable = True
+        self._effects = np.zeros((9 + _AXES, windows * self._width))
+        self._error = self._effects[:9]
+        """What each hypothesis does to the filter's state, those of one window after those of the other, ..."""
+        self._pushes = self._effects[9:].reshape(_AXES, windows, self._width)
+        """... and to its accelerations now: `_amounts` of the hypotheses, times what each unit of them does."""
+        self._amounts = np.zeros((windows, self._width))
+        inertia = np.array([[axis.alpha] for axis in self._axes])
+        units = np.hstack((self._columns, np.eye(_AXES), np.eye(_AXES), self._columns))
+        self._units = (-units / inertia)[:, None]
+        self._transition = np.zeros((9, 9 + _AXES))
+        """Of state and accelerations to the state."""
         self._information = np.zeros((windows, self._width, self._width))
         self._score = np.zeros((windows, self._width))
         self._energy, self._count = np.zeros(windows), np.zeros(windows)
@@ -209,70 +221,64 @@ class FaultDetector:
 
     def _learn(self, window: int) -> None:
         """Remember what a window that ends tells of the model, unless it may come from a failure."""
-        t, told = self.tuning, float(self._guessed()[window])
+        t, told = self.tuning, float(self._guessed(slice(window, window + 1))[0])
         if self.finding is None or told > 2.0 * self.finding.ratio:
             self.doubt = min(max(self.doubt + told / t.windows, -t.most_doubt), t.most_doubt)  # windows overlap
 
-    def _guessed(self) -> Array:
+    def _guessed(self, windows: slice = _ALL) -> Array:
         """Return, of each window, how much likelier the model is a guess than nearly right, none failed: logarithms."""
         known = slice(0, -self._size)
-        information, score = self._information[:, known, known], self._score[:, known]
-        likelihoods = []
-        for prior in (self._guess, self._prior):
-            precision = information + prior
-            explained = np.einsum("wi,wi->w", score, np.linalg.solve(precision, score[:, :, None])[:, :, 0])
-            likelihoods.append(explained - np.linalg.slogdet(precision)[1] + np.linalg.slogdet(prior)[1])
-        return np.asarray(0.5 * (likelihoods[0] - likelihoods[1]))
+        precision, score = self._information[windows, known, known] + self._priors, self._score[windows, known]
+        explained = np.einsum("wi,mwi->mw", score, np.linalg.solve(precision, score[:, :, None])[..., 0])
+        guess, right = 0.5 * (explained - np.linalg.slogdet(precision)[1] + self._prior_sizes)
+        return np.asarray(guess - right)
 
     def _predict(self, ekf: PoseEkf, dt_s: float, thrusts: Array) -> None:
-        n = self._size
-        tau = self._columns @ (thrusts * (1.0 - self.lost))
+        n, amounts = self._size, self._amounts
+        X, Y, N = tau = self._columns.dot(thrusts * (1.0 - self.lost)).tolist()
         _, _, psi, *nu = ekf.state
         drag = [axis.drag(speed) for axis, speed in zip(self._axes, nu, strict=True)]
-        X, Y, N = tau.tolist()
         d_x, d_y, d_n = ekf.disturbance
         pushed = (*to_body(d_x, d_y, psi), d_n)
         F = ekf.predict(dt_s, (X, Y, N))
-        ekf.covariance[_NU, _NU] += [dt_s * variance for variance in self._model_noise(thrusts, drag, nu)]
-        forces, (of_drag, of_inertia), h = self._forces, self._diagonals, 0.5 * dt_s
-        forces[:, :, :n] = (self._columns * thrusts)[:, None, :]
-        forces[:, :, -n:] = self._columns[:, None, :] * (thrusts - self._origin)
-        of_drag[:] = drag
-        of_inertia[:] = tau - drag + pushed
-        gained = (-dt_s / self._inertia)[:, None] * forces.reshape(_AXES, -1)
-        c, s = math.cos(psi), math.sin(psi)
-        self._error = error = F.dot(self._error)
-        error[:3] += np.array([(h * c, -h * s, 0.0), (h * s, h * c, 0.0), (0.0, 0.0, h)]).dot(gained)
-        error[3:6] += gained
+        for i, variance in enumerate(self._model_noise(thrusts, drag, nu), _AXES):
+            ekf.covariance[i, i] += dt_s * variance
+        accelerating = [force - lost + push for force, lost, push in zip(tau, drag, pushed, strict=True)]
+        amounts[:, :n] = thrusts
+        amounts[:, n:-n] = drag + accelerating
+        amounts[:, -n:] = thrusts - self._origin
+        np.multiply(self._units, amounts, out=self._pushes)
+        step, h = self._transition, 0.5 * dt_s * dt_s
+        step[:, :9] = F
+        step[0, 9] = step[1, 10] = h * math.cos(psi)
+        step[1, 9] = h * math.sin(psi)
+        step[0, 10] = -step[1, 9]
+        step[2, 11] = h
+        step[3, 9] = step[4, 10] = step[5, 11] = dt_s
+        self._error[:] = step.dot(self._effects)
 
     def _model_noise(self, thrusts: Array, drag: Sequence[float], nu: Sequence[float]) -> list[float]:
         """Return the variance that errors of the model add to each velocity per second. nu: speeds, m/s and rad/s."""
-        t, noise = self.tuning, []
         squares = self._columns_squared.dot(np.square(thrusts)).tolist()
-        changes = (t.current_change_m_s, t.current_change_m_s, 0.0)  # a current does not turn
-        for axis, change, square, force, speed in zip(self._axes, changes, squares, drag, nu, strict=True):
-            of_forces = (square + force**2) * t.model_noise**2
-            of_current = ((axis.beta + 2.0 * axis.beta_quadratic * abs(speed)) * change) ** 2
-            noise.append((of_forces + of_current) / axis.alpha**2 * (2.0 * t.model_noise_s))
-        return noise
+        return [
+            of_forces * (square + force * force) + of_current * (beta + slope * abs(speed)) ** 2
+            for (of_forces, of_current, beta, slope), square, force, speed in zip(
+                self._noises, squares, drag, nu, strict=True
+            )
+        ]
 
     def _update(self, ekf: PoseEkf, x_m: float, y_m: float, psi_rad: float) -> Verdict:
-        x, y, psi = ekf.state[:3]
-        innovation = np.array([x_m - x, y_m - y, wrap_angle(psi_rad - psi)])
-        PH = ekf.covariance[:, :3]
-        S_inverse = np.array(inverse((PH[:3] + self._noise).tolist()))
         verdict = ekf.update(x_m, y_m, psi_rad)
         if verdict is not Verdict.USED:
             return verdict
         signature, shape = self._error[:3], (_AXES, *self._score.shape)
-        weighted = S_inverse.dot(signature)
+        weighted = ekf.weight.dot(signature)
         self._information += signature.reshape(shape).transpose(1, 2, 0) @ weighted.reshape(shape).transpose(1, 0, 2)
-        self._score += innovation.dot(weighted).reshape(self._score.shape)
-        energy = float(innovation.dot(S_inverse).dot(innovation))
-        self._surprise += 0.2 * (energy / _AXES - self._surprise)
-        self._energy += energy
+        self._score += np.dot(ekf.innovation, weighted).reshape(self._score.shape)
+        self._surprise += 0.2 * (ekf.surprise / _AXES - self._surprise)
+        self._energy += ekf.surprise
         self._count += 1.0
-        self._error -= PH.dot(weighted)
+        self._error -= ekf.gain.dot(signature)
         return verdict
 
     def _likeliest(self) -> tuple[Finding | None, bool]:

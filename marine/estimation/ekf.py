@@ -8,7 +8,6 @@ noise, the disturbances being random walks otherwise. Measurement: the pose, the
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from marine.dynamics.integrate import State
-from marine.dynamics.uncoupled import Tau, UncoupledModel
+from marine.dynamics.uncoupled import STILL_WATER, Tau, UncoupledModel
 from marine.frames import wrap_angle
 from marine.vessel import DegreeOfFreedom, HorizontalModel
 
@@ -48,6 +47,8 @@ class EkfTuning:
 
 
 _IDENTITY = np.eye(9)
+_SYMMETRIC_AFTER = 8
+"""So often the covariance is made symmetric: an update costs a third more with it, and rounding errors grow slowly."""
 
 
 class Verdict(Enum):
@@ -76,6 +77,15 @@ class PoseEkf:
         walks = [t.velocity_walk_m_s] * 2 + [t.yaw_rate_walk_rad_s] + [t.force_walk_n] * 2 + [t.moment_walk_nm]
         self._walk = np.diag([0.0] * 3 + [w * w for w in walks])
         self._dynamics = UncoupledModel(model)
+        self.innovation: tuple[float, float, float] = (0.0, 0.0, 0.0)
+        """Of the last update: measured less expected pose, ..."""
+        self.surprise = 0.0
+        """... its squared Mahalanobis distance, ..."""
+        self.weight: Array = np.zeros((3, 3))
+        """... the inverse of its covariance, ..."""
+        self.gain: Array = np.zeros((9, 3))
+        """... and what it was multiplied by."""
+        self._updates = 0
         self._suspect: tuple[float, float, float] | None = None
         self._suspects = 0
         self._suspect_age_s = 0.0
@@ -86,20 +96,20 @@ class PoseEkf:
 
     def predict(self, dt_s: float, tau: Tau) -> Array:
         """Go forward by dt_s (at most some 0.1 s) with the wrench tau in {B}; return the transition matrix (9, 9)."""
-        before = self.state
-        x, y, psi, u, v, r = after = self._dynamics.step(before, dt_s, tau, disturbance=self.disturbance)
-        middle = (x, y, 0.5 * (before[2] + psi), 0.5 * (before[3] + u), 0.5 * (before[4] + v), 0.5 * (before[5] + r))
-        F = self._transition(middle, dt_s)
-        self.state = (x, y, wrap_angle(psi), u, v, after[5])
+        _, _, psi_0, u_0, v_0, r_0 = self.state
+        x, y, psi, u, v, r = self._dynamics.step(self.state, dt_s, tau, STILL_WATER, self.disturbance)
+        F = self._transition(0.5 * (psi_0 + psi), 0.5 * (u_0 + u), 0.5 * (v_0 + v), 0.5 * (r_0 + r), dt_s)
+        self.state = (x, y, wrap_angle(psi), u, v, r)
         self.covariance = F.dot(self.covariance).dot(F.T) + self._walk * dt_s  # dot: half the price of @
         self._suspect_age_s += dt_s
         return F
 
-    def _transition(self, state: State, dt_s: float) -> Array:
+    def _transition(self, psi: float, u: float, v: float, r: float, dt_s: float) -> Array:
         """Return I + A dt, (9, 9), A being the derivative of the model by the state."""
-        _, _, psi, u, v, r = state
         d_x, d_y, _ = self.disturbance
-        surge, sway, yaw = self._dynamics.model.surge, self._dynamics.model.sway, self._dynamics.model.yaw
+        model = self._dynamics.model
+        surge, sway, yaw = model.surge, model.sway, model.yaw
+        m_u, m_v, m_r = surge.alpha, sway.alpha, yaw.alpha
         c, s = dt_s * math.cos(psi), dt_s * math.sin(psi)
         F = _IDENTITY.copy()
         F[0, 2] = -s * u - c * v
@@ -108,16 +118,16 @@ class PoseEkf:
         F[1, 2] = c * u - s * v
         F[1, 3] = s
         F[2, 5] = dt_s
-        F[3, 2] = (c * d_y - s * d_x) / surge.alpha
+        F[3, 2] = (c * d_y - s * d_x) / m_u
         F[3, 3] = _decay(surge, u, dt_s)
-        F[3, 6] = c / surge.alpha
-        F[3, 7] = s / surge.alpha
-        F[4, 2] = (-s * d_y - c * d_x) / sway.alpha
+        F[3, 6] = c / m_u
+        F[3, 7] = s / m_u
+        F[4, 2] = (-s * d_y - c * d_x) / m_v
         F[4, 4] = _decay(sway, v, dt_s)
-        F[4, 6] = -s / sway.alpha
-        F[4, 7] = c / sway.alpha
+        F[4, 6] = -s / m_v
+        F[4, 7] = c / m_v
         F[5, 5] = _decay(yaw, r, dt_s)
-        F[5, 8] = dt_s / yaw.alpha
+        F[5, 8] = dt_s / m_r
         return F
 
     def update(self, x_m: float, y_m: float, psi_rad: float, noise: Array | None = None) -> Verdict:
@@ -126,23 +136,28 @@ class PoseEkf:
         noise (3, 3): covariance of the measured pose, m and rad; None: that of the tuning.
         """
         x, y, psi, u, v, r = self.state
-        d_x, d_y, d_n = self.disturbance
         P = self.covariance
-        PH = P[:, :3]
         e_x, e_y, e_psi = x_m - x, y_m - y, wrap_angle(psi_rad - psi)
-        (a, b, c), (_, d, e), (_, _, f) = PH[:3].tolist()
+        (a, b, c), (_, d, e), (_, _, f) = P[:3, :3].tolist()
         (xx, xy, xp), (_, yy, yp), (_, _, pp) = self._noise if noise is None else noise.tolist()
-        S_inverse = inverse(((a + xx, b + xy, c + xp), (b + xy, d + yy, e + yp), (c + xp, e + yp, f + pp)))
-        (a, b, c), (_, d, e), (_, _, f) = S_inverse
-        w = (a * e_x + b * e_y + c * e_psi, b * e_x + d * e_y + e * e_psi, c * e_x + e * e_y + f * e_psi)
-        if not w[0] * e_x + w[1] * e_y + w[2] * e_psi <= self.tuning.gate:  # not a number is refused, too
+        S_inverse = inverse(a + xx, b + xy, c + xp, d + yy, e + yp, f + pp)
+        a, b, c, _, d, e, _, _, f = S_inverse
+        w_x, w_y, w_psi = a * e_x + b * e_y + c * e_psi, b * e_x + d * e_y + e * e_psi, c * e_x + e * e_y + f * e_psi
+        self.surprise = w_x * e_x + w_y * e_y + w_psi * e_psi
+        if not self.surprise <= self.tuning.gate:  # not a number is refused, too
             return self._suspected(x_m, y_m, psi_rad)
         self._suspects = 0
-        dx, dy, dpsi, du, dv, dr, dd_x, dd_y, dd_n = PH.dot(w).tolist()
+        PH = P[:, :3]
+        self.weight = np.array(S_inverse).reshape(3, 3)
+        self.gain = K = PH.dot(self.weight)
+        self.innovation = (e_x, e_y, e_psi)
+        dx, dy, dpsi, du, dv, dr, dd_x, dd_y, dd_n = K.dot(self.innovation).tolist()
+        d_x, d_y, d_n = self.disturbance
         self.state = (x + dx, y + dy, wrap_angle(psi + dpsi), u + du, v + dv, r + dr)
         self.disturbance = (d_x + dd_x, d_y + dd_y, d_n + dd_n)
-        P = P - PH.dot(S_inverse).dot(PH.T)
-        self.covariance = 0.5 * (P + P.T)
+        P = P - K.dot(PH.T)
+        self._updates += 1
+        self.covariance = P if self._updates % _SYMMETRIC_AFTER else 0.5 * (P + P.T)
         return Verdict.USED
 
     def _suspected(self, x_m: float, y_m: float, psi_rad: float) -> Verdict:
@@ -177,10 +192,15 @@ def _decay(dof: DegreeOfFreedom, nu: float, dt_s: float) -> float:
     return 1.0 - dt_s * (dof.beta + 2.0 * dof.beta_quadratic * abs(nu)) / dof.alpha
 
 
-def inverse(S: Sequence[Sequence[float]]) -> tuple[tuple[float, float, float], ...]:
-    """Return the inverse of a symmetric positive 3 x 3 matrix: a tenth of what numpy.linalg.inv costs."""
-    (a, b, c), (_, d, e), (_, _, f) = S
+def inverse(  # noqa: PLR0917 - a matrix
+    a: float, b: float, c: float, d: float, e: float, f: float
+) -> tuple[float, ...]:
+    """Return the inverse of the symmetric positive matrix [a b c; b d e; c e f], row by row.
+
+    A tenth of what numpy.linalg.inv costs.
+    """
     A, B, C = d * f - e * e, c * e - b * f, b * e - c * d
     D, E, F = a * f - c * c, b * c - a * e, a * d - b * b
     k = 1.0 / (a * A + b * B + c * C)
-    return (k * A, k * B, k * C), (k * B, k * D, k * E), (k * C, k * E, k * F)
+    A, B, C, D, E, F = k * A, k * B, k * C, k * D, k * E, k * F
+    return A, B, C, B, D, E, C, E, F

@@ -91,3 +91,12 @@ def test_one_runge_kutta_step_of_exponential_decay() -> None:
     stepped = rk4(lambda s: tuple(-v for v in s), (1.0, 2.0, 3.0, 4.0, 5.0, 6.0), 0.1)
     factor = 1 - 0.1 + 0.1**2 / 2 - 0.1**3 / 6 + 0.1**4 / 24
     assert stepped == pytest.approx([k * factor for k in range(1, 7)], rel=1e-14)
+
+
+@pytest.mark.parametrize("current", [(0.0, 0.0), (0.05, -0.02)])
+@pytest.mark.parametrize("disturbance", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.01)])
+def test_the_quick_step_is_the_runge_kutta_step(current: tuple[float, float], disturbance: Tau) -> None:
+    state, tau = (1.0, 2.0, 0.7, 0.2, -0.1, 0.5), (1.0, -0.4, 0.05)
+    assert MODEL.step(state, 0.1, tau, current, disturbance) == rk4(
+        MODEL.derivative, state, 0.1, tau, current, disturbance
+    )

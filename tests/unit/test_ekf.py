@@ -40,7 +40,8 @@ def test_transition_is_the_derivative_of_the_model() -> None:
         h[i] = 1e-6
         numeric[:, i] = (rate(state + h) - rate(state - h)) / 2e-6
     ekf.disturbance = (0.3, -0.2, 0.02)
-    transition = ekf._transition(tuple(state[:6].tolist()), DT_S)
+    psi, u, v, r = state[2:6].tolist()
+    transition = ekf._transition(psi, u, v, r, DT_S)
     np.testing.assert_allclose((transition - np.eye(9)) / DT_S, numeric, atol=1e-7)
 
 
