@@ -92,7 +92,8 @@ class LoopDesign:
 
     def compensation(self, nu: float) -> float:
         """Return the force that makes the compensated drag good, N or Nm."""
-        return (self.beta + self.model.beta_quadratic * min(abs(nu), self.speed_limit)) * nu
+        speed, limit = abs(nu), self.speed_limit
+        return (self.beta + self.model.beta_quadratic * (speed if speed < limit else limit)) * nu
 
     def transfer_function(self) -> TransferFunction:
         """Return eta/eta_ref, Table 8.1."""
