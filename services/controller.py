@@ -148,7 +148,6 @@ class Controller(Service):
             self.log.warning(self.note)
         self._depth = DepthKeeping(vessel) if vessel.model.heave and "Z" in vessel.controlled else None
         self._running: Guidance | None = None
-        self._in_charge = False
         self._order = ""
         self._followed = ("", 0.0)
         self._ours = (True, True, True)
@@ -165,8 +164,9 @@ class Controller(Service):
             self._running = None
         elif self.navigation.updated:
             self._control(helm, state, now_s)
-        self._in_charge = self._running is not None and helm is not None and not helm.suspended
-        self._tell(now_s)
+        if now_s - self._told_s >= STATUS_PERIOD_S - 1e-3:  # steps come at 1/30 s, and round off
+            self._told_s = now_s
+            self._tell(helm, now_s)
 
     def _tuning_desk(self, config: ControllerConfig) -> TuningDesk | None:
         """Return what tunes the positioning law, or the heading loop of a vessel that steers only."""
@@ -184,12 +184,14 @@ class Controller(Service):
 
     def _retune(self, helm: HelmState | None, now_s: float) -> None:
         """Answer requests for another law or other gains; go on with them without a jump."""
-        desk = self._desk
+        desk, requests = self._desk, self.tunings.take()
         if desk is None:
-            for request in self.tunings.take():
+            for request in requests:
                 self.answer.publish(answered(request, self.note or "there is no law"))
             return
-        changed, answers = desk.step(now_s, helm, self.former_gains.latest, self.tunings.take())
+        if not requests and not desk.due(now_s):
+            return
+        changed, answers = desk.step(now_s, helm, self.former_gains.latest, requests)
         for answer in answers:
             self.answer.publish(answer)
         if changed:
@@ -219,7 +221,9 @@ class Controller(Service):
         entering = helm.suspended or guidance is not self._running or ours != self._ours or jumps != self._jumps
         given, dt_s, missing = _given(attained), 0.0, ZERO
         if not entering:
-            dt_s = min(MAX_STEP_S, max(0, stamp_ns - self._state_ns) / NS)
+            gap_s = (stamp_ns - self._state_ns) / NS
+            if gap_s > 0.0:
+                dt_s = gap_s if gap_s < MAX_STEP_S else MAX_STEP_S
             mine = (False, False, False) if helm.guard else ours
             missing = missing_of(self._demand, given, _short(attained), mine)
         eta, nu, disturbance = (x, y, psi), (u, v, r), (d_x or 0.0, d_y or 0.0, d_n or 0.0)
@@ -244,19 +248,16 @@ class Controller(Service):
         if former is not None and former.along_m is not None:
             self._followed = former.request_id, former.along_m
         followed, along_m = self._followed
-        return max(0.0, along_m) if followed == request_id else 0.0
+        return along_m if followed == request_id and along_m > 0.0 else 0.0
 
-    def _tell(self, now_s: float) -> None:
-        if now_s - self._told_s < STATUS_PERIOD_S - 1e-3:  # steps come at 1/30 s, and round off
-            return
-        self._told_s = now_s
-        if self._running is None:
+    def _tell(self, helm: HelmState | None, now_s: float) -> None:
+        if self._running is None or helm is None:
             self.status.publish(ControlStatus(law="", in_charge=False))
             return
         attained = self.attained.fresh(now_s)
         self.status.publish(
             ControlStatus(
-                in_charge=self._in_charge,
+                in_charge=not helm.suspended,
                 saturated=attained is not None and attained.limited,
                 request_id=self._order,
                 error_z_m=self._depth.error_m if self._depth else None,
