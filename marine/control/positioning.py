@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from marine.control.base import ControlLaw, Parameters, Reference, Vector3
@@ -91,21 +92,22 @@ class Positioning(ControlLaw):
 
     def demand(self, dt_s: float, reference: Reference, eta: Vector3, nu: Vector3, missing: Vector3) -> Vector3:
         """Return the demanded tau; see `ControlLaw.step`."""
-        (u, v, r), (x, y, psi), (short_x, short_y, short_n) = nu, eta, missing
+        (u, v, r), (x, y, psi), (alpha_u, alpha_v, alpha_r) = nu, eta, self._inertia
         x_before, y_before, psi_before = self._eta or eta
         self._eta = eta
+        c, s = math.cos(psi), math.sin(psi)  # {B} to {E} and back several times: what frames.to_tank and to_body do
         e_x, e_y, e_psi = self._led_error(reference)
-        missing_x, missing_y = self._acceleration(short_x, short_y, psi)
-        self._x.advance(dt_s, e_x, x - x_before, missing_x)
-        self._y.advance(dt_s, e_y, y - y_before, missing_y)
+        short_x, short_y, short_n = missing
+        short_u, short_v = short_x / alpha_u, short_y / alpha_v
+        self._x.advance(dt_s, e_x, x - x_before, c * short_u - s * short_v)
+        self._y.advance(dt_s, e_y, y - y_before, s * short_u + c * short_v)
         self._psi.advance(dt_s, e_psi, wrap_angle(psi - psi_before), short_n)
-        x_dot, y_dot = to_tank(u, v, psi)
         led_x, led_y, led_psi = reference.acceleration
-        a_x = self._x.action - self._damping * x_dot + led_x
-        a_y = self._y.action - self._damping * y_dot + led_y
-        X, Y = self._force(a_x, a_y, psi)
-        N = self._psi.demand(r) + self._inertia[2] * led_psi
-        return X + self._surge.compensation(u), Y + self._sway.compensation(v), N
+        a_x = self._x.action - self._damping * (c * u - s * v) + led_x
+        a_y = self._y.action - self._damping * (s * u + c * v) + led_y
+        X = alpha_u * (c * a_x + s * a_y) + self._surge.compensation(u)
+        Y = alpha_v * (c * a_y - s * a_x) + self._sway.compensation(v)
+        return X, Y, self._psi.demand(r) + alpha_r * led_psi
 
     @property
     def held(self) -> Vector3:
