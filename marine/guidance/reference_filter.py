@@ -12,6 +12,8 @@ Vector3 = tuple[float, float, float]
 
 SMOOTHING = 0.5
 """Lag of the reference, in units of the time constant of its approach."""
+REST = 1e-10
+"""Nearer to its target (m, rad) and slower (m/s, rad/s) than this a motion has ended."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,8 @@ class ReferenceFilter:
         self._lead: Vector3 = (0.0, 0.0, 0.0)
         """How far the motion before the lag is ahead of `eta`."""
         self._lead_rate: Vector3 = (0.0, 0.0, 0.0)
+        self._rests_on: Vector3 | None = None
+        """The target that the motion has ended at."""
 
     def start(self, eta: Vector3, rate: Vector3) -> None:
         """Begin at a pose with a rate in {E}, which is cut to the limits."""
@@ -83,13 +87,14 @@ class ReferenceFilter:
         lag = SMOOTHING / limits.approach_1_s
         self._lead = (self.rate[0] * lag, self.rate[1] * lag, r * lag)
         self._lead_rate = self.rate
+        self._rests_on = None
 
     def step(self, dt_s: float, target: Vector3) -> None:
         """Move on by dt_s towards a target pose."""
-        if dt_s <= 0.0:
+        if dt_s <= 0.0 or target == self._rests_on:
             return
         (x, y, psi), (lead_x, lead_y, lead_psi), (to_x, to_y, to_psi) = self.eta, self._lead, target
-        to_go = (to_x - x - lead_x, to_y - y - lead_y, wrap_angle(to_psi - psi - lead_psi))
+        to_x, to_y, to_psi = to_go = (to_x - x - lead_x, to_y - y - lead_y, wrap_angle(to_psi - psi - lead_psi))
         self._lead_rate = ahead_x, ahead_y, ahead_psi = self._changed(dt_s, to_go, self._lead_rate)
         # The lag by backward differences: what is left of the lead after it, over the lag, is the rate.
         share = dt_s / (dt_s + SMOOTHING / self.limits.approach_1_s)
@@ -102,6 +107,15 @@ class ReferenceFilter:
         before_x, before_y, before_r = self.rate
         self.rate = x_dot, y_dot, r = dx / dt_s, dy / dt_s, dpsi / dt_s
         self.acceleration = ((x_dot - before_x) / dt_s, (y_dot - before_y) / dt_s, (r - before_r) / dt_s)
+        if abs(to_x) < REST and abs(to_y) < REST and abs(to_psi) < REST:
+            self._come_to_rest(target)
+
+    def _come_to_rest(self, target: Vector3) -> None:
+        """End the motion if it is as slow as it is near: from then on there is nothing to move."""
+        if math.hypot(*self.rate, *self._lead_rate) < REST:
+            x, y, psi = self._rests_on = target
+            self.eta = (x, y, wrap_angle(psi))
+            self.rate = self.acceleration = self._lead = self._lead_rate = (0.0, 0.0, 0.0)
 
     def _changed(self, dt_s: float, to_go: Vector3, rate: Vector3) -> Vector3:
         """Return the rate a step later, of the motion before the lag."""
