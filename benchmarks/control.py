@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -100,7 +101,7 @@ def _guidance_us(guidance: Guidance, law: str, steps: int, percent: float) -> fl
     seen = Seen(0.0, eta, nu, given, ZERO, (0.1, 0.0, 0.0), (True, True, True), 0.0, wall)
     guidance.engage(order, seen)
     guidance.step(order, seen)
-    seen, times = seen._replace(dt_s=0.033), []
+    seen, times = replace(seen, dt_s=0.033), []
     for _ in range(steps):
         begin = time.perf_counter()
         guidance.step(order, seen)

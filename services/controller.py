@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from operator import itemgetter
 from typing import Any
 
 from pydantic import Field, field_validator
@@ -24,6 +25,11 @@ from services.tuning_desk import TuningDesk, answered
 STATUS_PERIOD_S = 0.2
 MAX_STEP_S = 0.25
 """Integrals do not advance further at once, whatever the gap between two navigation states."""
+_estimated = itemgetter(
+    "x_m", "y_m", "psi_rad", "surge_m_s", "sway_m_s", "yaw_rad_s",
+    "disturbance_x_n", "disturbance_y_n", "disturbance_yaw_nm", "jumps", "stamp_ns", "origin_ns",
+)  # fmt: skip
+"""eta, nu, disturbance in {E}, None where there is none, and what else a step needs of a navigation state."""
 
 
 class ReferenceFilterConfig(Section):
@@ -142,7 +148,6 @@ class Controller(Service):
             self.log.warning(self.note)
         self._depth = DepthKeeping(vessel) if vessel.model.heave and "Z" in vessel.controlled else None
         self._running: Guidance | None = None
-        self._in_charge = False
         self._order = ""
         self._followed = ("", 0.0)
         self._ours = (True, True, True)
@@ -159,8 +164,9 @@ class Controller(Service):
             self._running = None
         elif self.navigation.updated:
             self._control(helm, state, now_s)
-        self._in_charge = self._running is not None and helm is not None and not helm.suspended
-        self._tell(now_s)
+        if now_s - self._told_s >= STATUS_PERIOD_S - 1e-3:  # steps come at 1/30 s, and round off
+            self._told_s = now_s
+            self._tell(helm, now_s)
 
     def _tuning_desk(self, config: ControllerConfig) -> TuningDesk | None:
         """Return what tunes the positioning law, or the heading loop of a vessel that steers only."""
@@ -178,12 +184,14 @@ class Controller(Service):
 
     def _retune(self, helm: HelmState | None, now_s: float) -> None:
         """Answer requests for another law or other gains; go on with them without a jump."""
-        desk = self._desk
+        desk, requests = self._desk, self.tunings.take()
         if desk is None:
-            for request in self.tunings.take():
+            for request in requests:
                 self.answer.publish(answered(request, self.note or "there is no law"))
             return
-        changed, answers = desk.step(now_s, helm, self.former_gains.latest, self.tunings.take())
+        if not requests and not desk.due(now_s):
+            return
+        changed, answers = desk.step(now_s, helm, self.former_gains.latest, requests)
         for answer in answers:
             self.answer.publish(answer)
         if changed:
@@ -208,53 +216,48 @@ class Controller(Service):
         if guidance is None:
             self._running = None
             return
-        attained, ours = self.attained.fresh(now_s), _ours(helm)
-        entering = helm.suspended or guidance is not self._running or ours != self._ours or state.jumps != self._jumps
-        gap_s = (state.stamp_ns - self._state_ns) / NS
-        given, mine = _given(attained), (False, False, False) if helm.guard else ours
-        seen = Seen(
-            dt_s=0.0 if entering else max(0.0, min(MAX_STEP_S, gap_s)),
-            eta=(state.x_m, state.y_m, state.psi_rad),
-            nu=(state.surge_m_s, state.sway_m_s, state.yaw_rad_s),
-            given=given,
-            missing=ZERO if entering else missing_of(self._demand, given, _short(attained), mine),
-            disturbance=_disturbance(state),
-            ours=ours,
-            along_m=self._along_m(helm),
-            wall=self.wall.latest,
-        )
+        x, y, psi, u, v, r, d_x, d_y, d_n, jumps, stamp_ns, origin_ns = _estimated(state.__dict__)
+        attained, ours, request_id = self.attained.fresh(now_s), _ours(helm), helm.request_id
+        entering = helm.suspended or guidance is not self._running or ours != self._ours or jumps != self._jumps
+        given, dt_s, missing = _given(attained), 0.0, ZERO
+        if not entering:
+            gap_s = (stamp_ns - self._state_ns) / NS
+            if gap_s > 0.0:
+                dt_s = gap_s if gap_s < MAX_STEP_S else MAX_STEP_S
+            mine = (False, False, False) if helm.guard else ours
+            missing = missing_of(self._demand, given, _short(attained), mine)
+        eta, nu, disturbance = (x, y, psi), (u, v, r), (d_x or 0.0, d_y or 0.0, d_n or 0.0)
+        along_m = self._along_m(request_id)
+        seen = Seen(dt_s, eta, nu, given, missing, disturbance, ours, along_m, self.wall.latest)
         if entering:
             guidance.engage(helm, seen)
         self._demand = X, Y, N = guidance.step(helm, seen)
-        self._running, self._ours, self._state_ns, self._order = guidance, ours, state.stamp_ns, helm.request_id
-        self._jumps = state.jumps
-        Z = self._depth.step(seen.dt_s, helm.z_m, state, attained) if self._depth else None
-        self.wrench.publish(Wrench(origin_ns=state.origin_ns, surge_n=X, sway_n=Y, heave_n=Z, yaw_nm=N))
+        self._running, self._ours, self._state_ns, self._jumps = guidance, ours, stamp_ns, jumps
+        self._order = request_id
+        Z = self._depth.step(dt_s, helm.z_m, state, attained) if self._depth else None
+        self.wrench.publish(Wrench(origin_ns=origin_ns, surge_n=X, sway_n=Y, heave_n=Z, yaw_nm=N))
 
     def _usable(self, helm: HelmState, state: NavigationState, now_s: float) -> bool:
         """Whether what this law goes by is known: the pose, or the wall."""
-        wall = self.wall.fresh(now_s)
-        known = state if helm.law != DistanceGuidance.law else wall
+        known = state if helm.law != DistanceGuidance.law else self.wall.fresh(now_s)
         return known is not None and known.status in ("tracking", "predicting")
 
-    def _along_m(self, helm: HelmState) -> float:
+    def _along_m(self, request_id: str) -> float:
         """Return how far the path of this request was followed, by this process or the one before it."""
         former = self.former.latest
         if former is not None and former.along_m is not None:
             self._followed = former.request_id, former.along_m
-        return max(0.0, self._followed[1]) if self._followed[0] == helm.request_id else 0.0
+        followed, along_m = self._followed
+        return along_m if followed == request_id and along_m > 0.0 else 0.0
 
-    def _tell(self, now_s: float) -> None:
-        if now_s - self._told_s < STATUS_PERIOD_S - 1e-3:  # steps come at 1/30 s, and round off
-            return
-        self._told_s = now_s
-        if self._running is None:
+    def _tell(self, helm: HelmState | None, now_s: float) -> None:
+        if self._running is None or helm is None:
             self.status.publish(ControlStatus(law="", in_charge=False))
             return
         attained = self.attained.fresh(now_s)
         self.status.publish(
             ControlStatus(
-                in_charge=self._in_charge,
+                in_charge=not helm.suspended,
                 saturated=attained is not None and attained.limited,
                 request_id=self._order,
                 error_z_m=self._depth.error_m if self._depth else None,
@@ -265,13 +268,9 @@ class Controller(Service):
 
 def _ours(helm: HelmState) -> tuple[bool, bool, bool]:
     """Return which of surge, sway and yaw are the controller's."""
-    surge, sway, yaw = (helm.sources.get(axis, "controller") == "controller" for axis in ("surge", "sway", "yaw"))
-    return surge, sway, yaw
-
-
-def _disturbance(state: NavigationState) -> Vector3:
-    """Return the estimated disturbance in {E}; zero when the estimator has none."""
-    return state.disturbance_x_n or 0.0, state.disturbance_y_n or 0.0, state.disturbance_yaw_nm or 0.0
+    source = helm.sources.get
+    surge, sway, yaw = source("surge", "controller"), source("sway", "controller"), source("yaw", "controller")
+    return surge == "controller", sway == "controller", yaw == "controller"
 
 
 def _given(attained: AttainedWrench | None) -> Vector3:

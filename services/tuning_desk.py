@@ -34,6 +34,10 @@ class TuningDesk:
         self._restored = False
         self._told_s = 0.0
 
+    def due(self, now_s: float) -> bool:
+        """Whether there is something to do though nobody asks for anything."""
+        return not self._restored or now_s - self._told_s >= TOLD_S
+
     def step(
         self, now_s: float, helm: HelmState | None, former: ControlGains | None, requests: Sequence[TuningRequest]
     ) -> tuple[bool, list[TuningAnswer]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 from marine.frames import to_body, wrap_angle
 from marine.vessel import Vessel
@@ -17,7 +17,8 @@ FADE_S = 1.0
 """Time constant with which the difference to what the actuators gave before fades after engaging."""
 
 
-class Reference(NamedTuple):
+@dataclass(slots=True)
+class Reference:
     """Where the vessel shall be: pose, its rate and its acceleration in {E}; m, rad and s."""
 
     eta: Vector3
@@ -61,7 +62,7 @@ class ControlLaw(ABC):
         self._cut = ZERO
         self._fading = ZERO
         self._taking_over: Vector3 | None = None
-        self._against = ZERO
+        self._fed_forward = ZERO
 
     @classmethod
     @abstractmethod
@@ -83,12 +84,12 @@ class ControlLaw(ABC):
     @property
     def action(self) -> Vector3:
         """What the law holds besides damping, in {E}, N and Nm: at rest the force against the disturbance."""
-        a, b = self.held, self._against
-        return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+        (x, y, n), (d_x, d_y, d_n) = self.held, self._fed_forward
+        return x - d_x, y - d_y, n - d_n
 
     def follow(self, eta: Vector3, nu: Vector3, tau: Vector3) -> None:
         """Make ready to take over: forget the past; the next demand is tau, as far as the limits allow it."""
-        self._cut = self._fading = self._against = ZERO
+        self._cut = self._fading = self._fed_forward = ZERO
         self._taking_over = tau
         self.engage(eta, nu, tau)
 
@@ -106,30 +107,31 @@ class ControlLaw(ABC):
         dt_s: time since the step before; missing: what the actuators gave of the demand before, less that demand, in
         {B}; zero within their limits. disturbance: in {E}, to be fed forward.
         """
-        self.error = (
-            reference.eta[0] - eta[0],
-            reference.eta[1] - eta[1],
-            wrap_angle(reference.eta[2] - eta[2]),
-        )
-        cut = self._cut
-        d_x, d_y, d_n = disturbance
-        self._against = (-d_x, -d_y, -d_n)
-        short = (missing[0] + cut[0], missing[1] + cut[1], missing[2] + cut[2])
-        X, Y, N = self.demand(dt_s, reference, eta, nu, short)
-        against_x, against_y = to_body(-d_x, -d_y, eta[2])
-        X, Y, N = X + against_x, Y + against_y, N - d_n
-        if self._taking_over is not None:
-            self._fading = (self._taking_over[0] - X, self._taking_over[1] - Y, self._taking_over[2] - N)
-            self._taking_over = None
-        elif self._fading != ZERO:
-            left = math.exp(-dt_s / FADE_S)
-            f = self._fading
-            self._fading = (f[0] * left, f[1] * left, f[2] * left)
-        X, Y, N = X + self._fading[0], Y + self._fading[1], N + self._fading[2]
-        tau = (_within(X, self.limits[0]), _within(Y, self.limits[1]), _within(N, self.limits[2]))
-        self._cut = (tau[0] - X, tau[1] - Y, tau[2] - N)
+        (x, y, psi), (x_ref, y_ref, psi_ref) = eta, reference.eta
+        self.error = (x_ref - x, y_ref - y, wrap_angle(psi_ref - psi))
+        (short_x, short_y, short_n), (cut_x, cut_y, cut_n) = missing, self._cut
+        X, Y, N = self.demand(dt_s, reference, eta, nu, (short_x + cut_x, short_y + cut_y, short_n + cut_n))
+        self._fed_forward = d_x, d_y, d_n = disturbance
+        against_x, against_y = to_body(-d_x, -d_y, psi)
+        X, Y, N = self._faded_in(dt_s, X + against_x, Y + against_y, N - d_n)
+        limit_x, limit_y, limit_n = self.limits
+        tau = _within(X, limit_x), _within(Y, limit_y), _within(N, limit_n)
+        self._cut = tau[0] - X, tau[1] - Y, tau[2] - N
         return tau
+
+    def _faded_in(self, dt_s: float, X: float, Y: float, N: float) -> Vector3:
+        """Return the demand and what is left of the difference to what acted before."""
+        if self._taking_over is not None:
+            before_x, before_y, before_n = self._taking_over
+            x, y, n = before_x - X, before_y - Y, before_n - N
+            self._taking_over = None
+        else:
+            left = math.exp(-dt_s / FADE_S)
+            x, y, n = self._fading
+            x, y, n = x * left, y * left, n * left
+        self._fading = x, y, n
+        return X + x, Y + y, N + n
 
 
 def _within(value: float, limit: float) -> float:
-    return max(-limit, min(limit, value))
+    return value if -limit <= value <= limit else math.copysign(limit, value)

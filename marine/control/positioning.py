@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from marine.control.base import ControlLaw, Parameters, Reference, Vector3
@@ -59,7 +60,9 @@ class Positioning(ControlLaw):
         unit = design(_I_PD, _UNIT_MASS, a)
         self._x = SingleLoop(unit, tracking_time_s)
         self._y = SingleLoop(unit, tracking_time_s)
+        self._damping = unit.gains.derivative
         self._psi = SingleLoop(limited(design(_I_PD, model.yaw, yaw)), TRACKING_TIME * yaw[2] ** (1.0 / 3.0))
+        self._inertia = model.surge.alpha, model.sway.alpha, model.yaw.alpha
         self._eta: Vector3 | None = None
 
     @classmethod
@@ -89,20 +92,22 @@ class Positioning(ControlLaw):
 
     def demand(self, dt_s: float, reference: Reference, eta: Vector3, nu: Vector3, missing: Vector3) -> Vector3:
         """Return the demanded tau; see `ControlLaw.step`."""
-        u, v, r = nu
-        x, y, psi = eta
+        (u, v, r), (x, y, psi), (alpha_u, alpha_v, alpha_r) = nu, eta, self._inertia
         x_before, y_before, psi_before = self._eta or eta
         self._eta = eta
+        c, s = math.cos(psi), math.sin(psi)  # {B} to {E} and back several times: what frames.to_tank and to_body do
         e_x, e_y, e_psi = self._led_error(reference)
-        missing_x, missing_y = self._acceleration(missing[0], missing[1], psi)
-        self._x.advance(dt_s, e_x, x - x_before, missing_x)
-        self._y.advance(dt_s, e_y, y - y_before, missing_y)
-        self._psi.advance(dt_s, e_psi, wrap_angle(psi - psi_before), missing[2])
-        x_dot, y_dot = to_tank(u, v, psi)
+        short_x, short_y, short_n = missing
+        short_u, short_v = short_x / alpha_u, short_y / alpha_v
+        self._x.advance(dt_s, e_x, x - x_before, c * short_u - s * short_v)
+        self._y.advance(dt_s, e_y, y - y_before, s * short_u + c * short_v)
+        self._psi.advance(dt_s, e_psi, wrap_angle(psi - psi_before), short_n)
         led_x, led_y, led_psi = reference.acceleration
-        X, Y = self._force(self._x.demand(x_dot) + led_x, self._y.demand(y_dot) + led_y, psi)
-        N = self._psi.demand(r) + self._psi.design.model.alpha * led_psi
-        return X + self._surge.compensation(u), Y + self._sway.compensation(v), N
+        a_x = self._x.action - self._damping * (c * u - s * v) + led_x
+        a_y = self._y.action - self._damping * (s * u + c * v) + led_y
+        X = alpha_u * (c * a_x + s * a_y) + self._surge.compensation(u)
+        Y = alpha_v * (c * a_y - s * a_x) + self._sway.compensation(v)
+        return X, Y, self._psi.demand(r) + alpha_r * led_psi
 
     @property
     def held(self) -> Vector3:
@@ -111,18 +116,21 @@ class Positioning(ControlLaw):
         return *to_tank(*self._force(self._x.action, self._y.action, psi), psi), self._psi.action
 
     def _led_error(self, reference: Reference) -> Vector3:
-        (e_x, e_y, e_psi), (a, yaw), rate, led = self.error, self._functions, reference.rate, reference.acceleration
+        (e_x, e_y, e_psi), ((a1, a2, _), (yaw1, yaw2, _)) = self.error, self._functions
+        (x_dot, y_dot, r), (x_dd, y_dd, r_dot) = reference.rate, reference.acceleration
         return (
-            e_x + a[0] * rate[0] + a[1] * led[0],
-            e_y + a[0] * rate[1] + a[1] * led[1],
-            e_psi + yaw[0] * rate[2] + yaw[1] * led[2],
+            e_x + a1 * x_dot + a2 * x_dd,
+            e_y + a1 * y_dot + a2 * y_dd,
+            e_psi + yaw1 * r + yaw2 * r_dot,
         )
 
     def _acceleration(self, X: float, Y: float, psi: float) -> tuple[float, float]:
         """Return the acceleration in {E} that a force in {B} gives, m/s^2."""
-        return to_tank(X / self._surge.model.alpha, Y / self._sway.model.alpha, psi)
+        alpha_u, alpha_v, _ = self._inertia
+        return to_tank(X / alpha_u, Y / alpha_v, psi)
 
     def _force(self, a_x: float, a_y: float, psi: float) -> tuple[float, float]:
         """Return the force in {B} that gives an acceleration in {E}: diag(alpha) R^T a."""
         surge, sway = to_body(a_x, a_y, psi)
-        return self._surge.model.alpha * surge, self._sway.model.alpha * sway
+        alpha_u, alpha_v, _ = self._inertia
+        return alpha_u * surge, alpha_v * sway

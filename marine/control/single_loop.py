@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from marine.control.structures import LoopDesign
 from marine.frames import wrap_angle
 
@@ -51,7 +53,7 @@ class SingleLoop:
             return
         on_error = stepped if structure.p_on_error else 0.0
         # Above dt = T_t back-calculation would overshoot what is missing.
-        share = min(1.0, dt_s / self._tracking_time_s)
+        share = dt_s / self._tracking_time_s if dt_s < self._tracking_time_s else 1.0
         self.action += gains.integral * error * dt_s + gains.proportional * (on_error - moved) + share * missing
 
     def demand(self, nu: float) -> float:
@@ -93,6 +95,6 @@ class LimitedLoop:
             self.error, moved = wrap_angle(self.error), wrap_angle(moved)
         self._loop.advance(dt_s, self.error, moved, self._cut + missing)
         wanted = self._loop.demand(nu)
-        tau = max(-self.limit, min(self.limit, wanted))
+        tau = wanted if -self.limit <= wanted <= self.limit else math.copysign(self.limit, wanted)
         self._before, self._cut = eta, tau - wanted
         return tau

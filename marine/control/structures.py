@@ -7,8 +7,7 @@ docs/errata.md) are 1/beta and alpha/beta. In this form a vessel without constan
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 
 from marine.control.model_function import Coefficients, is_stable
 from marine.vessel import DegreeOfFreedom
@@ -66,7 +65,7 @@ class TransferFunction:
     denominator: tuple[float, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class LoopDesign:
     """A structure with its gains, the model they were made for, and how far its drag is compensated.
 
@@ -80,10 +79,11 @@ class LoopDesign:
     model: DegreeOfFreedom
     speed_limit: float = float("inf")
 
-    @cached_property
-    def beta(self) -> float:
-        """Constant drag that is compensated, N s/m or Nm s/rad."""
-        return self.model.beta if self.structure.derivative else 0.0
+    beta: float = field(init=False)
+    """Constant drag that is compensated, N s/m or Nm s/rad."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "beta", self.model.beta if self.structure.derivative else 0.0)
 
     @property
     def damping(self) -> float:
@@ -92,7 +92,8 @@ class LoopDesign:
 
     def compensation(self, nu: float) -> float:
         """Return the force that makes the compensated drag good, N or Nm."""
-        return (self.beta + self.model.beta_quadratic * min(abs(nu), self.speed_limit)) * nu
+        speed, limit = abs(nu), self.speed_limit
+        return (self.beta + self.model.beta_quadratic * (speed if speed < limit else limit)) * nu
 
     def transfer_function(self) -> TransferFunction:
         """Return eta/eta_ref, Table 8.1."""

@@ -12,5 +12,9 @@ def missing_of(demand: Vector3, given: Vector3, short: Vector3, ours: tuple[bool
     axis that another source has, nothing of the demand came through: the law's integral there follows what the other
     gives, by its own back-calculation (8.29), and those of our axes go on as they are, whatever the law.
     """
-    X, Y, N = (s if mine else g - d for s, mine, g, d in zip(short, ours, given, demand, strict=True))
-    return X, Y, N
+    surge, sway, yaw = ours
+    return (
+        short[0] if surge else given[0] - demand[0],
+        short[1] if sway else given[1] - demand[1],
+        short[2] if yaw else given[2] - demand[2],
+    )

@@ -24,7 +24,10 @@ class Washout:
 
     def step(self, dt_s: float, signal: Vector3) -> Vector3:
         """Return the part that is new, dt_s after the step before."""
-        share = min(1.0, dt_s / self._time_s)
-        a, b, c = (slow + share * (now - slow) for slow, now in zip(self._slow, signal, strict=True))
-        self._slow = a, b, c
-        return signal[0] - a, signal[1] - b, signal[2] - c
+        share = dt_s / self._time_s if dt_s < self._time_s else 1.0
+        (x, y, n), (slow_x, slow_y, slow_n) = signal, self._slow
+        slow_x += share * (x - slow_x)
+        slow_y += share * (y - slow_y)
+        slow_n += share * (n - slow_n)
+        self._slow = slow_x, slow_y, slow_n
+        return x - slow_x, y - slow_y, n - slow_n

@@ -12,6 +12,8 @@ Vector3 = tuple[float, float, float]
 
 SMOOTHING = 0.5
 """Lag of the reference, in units of the time constant of its approach."""
+REST = 1e-10
+"""Nearer to its target (m, rad) and slower (m/s, rad/s) than this a motion has ended."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,8 @@ class ReferenceFilter:
         self._lead: Vector3 = (0.0, 0.0, 0.0)
         """How far the motion before the lag is ahead of `eta`."""
         self._lead_rate: Vector3 = (0.0, 0.0, 0.0)
+        self._rests_on: Vector3 | None = None
+        """The target that the motion has ended at."""
 
     def start(self, eta: Vector3, rate: Vector3) -> None:
         """Begin at a pose with a rate in {E}, which is cut to the limits."""
@@ -83,56 +87,65 @@ class ReferenceFilter:
         lag = SMOOTHING / limits.approach_1_s
         self._lead = (self.rate[0] * lag, self.rate[1] * lag, r * lag)
         self._lead_rate = self.rate
+        self._rests_on = None
 
     def step(self, dt_s: float, target: Vector3) -> None:
         """Move on by dt_s towards a target pose."""
-        if dt_s <= 0.0:
+        if dt_s <= 0.0 or target == self._rests_on:
             return
-        (x, y, psi), (rate_x, rate_y, rate_psi), (lead_x, lead_y, lead_psi) = self.eta, self.rate, self._lead
-        to_go = (target[0] - x - lead_x, target[1] - y - lead_y, wrap_angle(target[2] - psi - lead_psi))
-        self._lead_rate = self._changed(dt_s, to_go, self._lead_rate)
+        (x, y, psi), (lead_x, lead_y, lead_psi), (to_x, to_y, to_psi) = self.eta, self._lead, target
+        to_x, to_y, to_psi = to_go = (to_x - x - lead_x, to_y - y - lead_y, wrap_angle(to_psi - psi - lead_psi))
+        self._lead_rate = ahead_x, ahead_y, ahead_psi = self._changed(dt_s, to_go, self._lead_rate)
         # The lag by backward differences: what is left of the lead after it, over the lag, is the rate.
         share = dt_s / (dt_s + SMOOTHING / self.limits.approach_1_s)
-        lead_x += self._lead_rate[0] * dt_s
-        lead_y += self._lead_rate[1] * dt_s
-        lead_psi += self._lead_rate[2] * dt_s
+        lead_x += ahead_x * dt_s
+        lead_y += ahead_y * dt_s
+        lead_psi += ahead_psi * dt_s
         dx, dy, dpsi = share * lead_x, share * lead_y, share * lead_psi
         self._lead = (lead_x - dx, lead_y - dy, lead_psi - dpsi)
         self.eta = (x + dx, y + dy, wrap_angle(psi + dpsi))
-        self.rate = (dx / dt_s, dy / dt_s, dpsi / dt_s)
-        self.acceleration = (
-            (self.rate[0] - rate_x) / dt_s,
-            (self.rate[1] - rate_y) / dt_s,
-            (self.rate[2] - rate_psi) / dt_s,
-        )
+        before_x, before_y, before_r = self.rate
+        self.rate = x_dot, y_dot, r = dx / dt_s, dy / dt_s, dpsi / dt_s
+        self.acceleration = ((x_dot - before_x) / dt_s, (y_dot - before_y) / dt_s, (r - before_r) / dt_s)
+        if abs(to_x) < REST and abs(to_y) < REST and abs(to_psi) < REST:
+            self._come_to_rest(target)
+
+    def _come_to_rest(self, target: Vector3) -> None:
+        """End the motion if it is as slow as it is near: from then on there is nothing to move."""
+        if math.hypot(*self.rate, *self._lead_rate) < REST:
+            x, y, psi = self._rests_on = target
+            self.eta = (x, y, wrap_angle(psi))
+            self.rate = self.acceleration = self._lead = self._lead_rate = (0.0, 0.0, 0.0)
 
     def _changed(self, dt_s: float, to_go: Vector3, rate: Vector3) -> Vector3:
         """Return the rate a step later, of the motion before the lag."""
-        limits, (x_dot, y_dot, r) = self.limits, rate
-        k = min(limits.approach_1_s, 1.0 / dt_s)
-        distance = math.hypot(to_go[0], to_go[1])
+        limits, (x_dot, y_dot, r), (to_x, to_y, to_psi) = self.limits, rate, to_go
+        k = limits.approach_1_s if limits.approach_1_s * dt_s < 1.0 else 1.0 / dt_s
+        distance = math.hypot(to_x, to_y)
         speed = _approach_speed(distance, k, limits.acceleration_m_s2, limits.speed_m_s)
         towards = speed / distance if distance > 0.0 else 0.0
-        change_x, change_y = to_go[0] * towards - x_dot, to_go[1] * towards - y_dot
+        change_x, change_y = to_x * towards - x_dot, to_y * towards - y_dot
         slower = change_x * x_dot + change_y * y_dot <= 0.0
         most = dt_s * limits.acceleration_m_s2 * (1.0 if slower else _left(math.hypot(x_dot, y_dot), limits.speed_m_s))
         change = math.hypot(change_x, change_y)
         if change > most:
             change_x, change_y = change_x * most / change, change_y * most / change
-        yaw_rate = _approach_speed(abs(to_go[2]), k, limits.yaw_acceleration_rad_s2, limits.yaw_rate_rad_s)
-        change_r = math.copysign(yaw_rate, to_go[2]) - r
+        yaw_rate = _approach_speed(abs(to_psi), k, limits.yaw_acceleration_rad_s2, limits.yaw_rate_rad_s)
+        change_r = math.copysign(yaw_rate, to_psi) - r
         most = dt_s * limits.yaw_acceleration_rad_s2 * (1.0 if change_r * r <= 0.0 else _left(r, limits.yaw_rate_rad_s))
-        return x_dot + change_x, y_dot + change_y, r + max(-most, min(most, change_r))
+        if abs(change_r) > most:
+            change_r = math.copysign(most, change_r)
+        return x_dot + change_x, y_dot + change_y, r + change_r
 
 
 def _left(speed: float, most: float) -> float:
     """Return the part of the acceleration that is left at a speed, when linear drag takes all of it at the limit."""
-    return max(0.0, 1.0 - (speed / most) ** 2)
+    part = speed / most
+    return 1.0 - part * part if abs(part) < 1.0 else 0.0
 
 
 def _approach_speed(distance: float, k: float, a: float, most: float) -> float:
     """Return the largest speed from which the motion ends at the distance with deceleration a, at most `most`."""
     straight = a / (k * k)
-    if distance <= straight:
-        return min(most, k * distance)
-    return min(most, math.sqrt(2.0 * a * (distance - 0.5 * straight)))
+    speed = k * distance if distance <= straight else math.sqrt(2.0 * a * (distance - 0.5 * straight))
+    return speed if speed < most else most

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -17,6 +17,7 @@ from marine.vessel import Axis, SensorKind, Vessel
 
 Ours = tuple[bool, bool, bool]
 """Which of surge, sway and yaw are the controller's."""
+ALL: Ours = (True, True, True)
 
 
 class GuidanceConfig(Section):
@@ -57,7 +58,8 @@ class Tools:
     """Design of the heading loop, where there is no positioning law or on the way."""
 
 
-class Seen(NamedTuple):
+@dataclass(slots=True)
+class Seen:
     """What there is to know in one step. eta, nu, tau as those of `ControlLaw`."""
 
     dt_s: float

@@ -6,9 +6,9 @@ from typing import Any
 
 from bus.messages import HelmState
 from marine.control.base import ZERO, Reference, Vector3
-from marine.control.washout import Washout
+from marine.control.feed_forward import FeedForward
 from marine.frames import to_body, to_tank, wrap_angle
-from services.guidance.base import Guidance, Ours, Seen, Tools, reference_told
+from services.guidance.base import ALL, Guidance, Ours, Seen, Tools, reference_told
 
 
 class PoseKeeping(Guidance):
@@ -21,15 +21,15 @@ class PoseKeeping(Guidance):
         super().__init__(tools)
         if tools.positioning is None:
             raise ValueError(f"{tools.vessel.name} has no positioning law")
-        self._error, self._reference = ZERO, ZERO
-        self._news = Washout(1.0 / tools.vessel.hold_w0_rad_s)
+        self._target, self._reference, self._eta = ZERO, ZERO, ZERO
+        self._feed_forward = FeedForward(1.0 / tools.vessel.hold_w0_rad_s)
 
     def engage(self, order: HelmState, seen: Seen) -> None:
         """Start the filter here, and the law from what the actuators give."""
         law, filter_ = self.tools.positioning, self.tools.filter
         assert law is not None
         law.follow(seen.eta, seen.nu, seen.given)
-        self._news.start(seen.disturbance)
+        self._feed_forward.start(seen.disturbance)
         if filter_:
             filter_.start(seen.eta, rate_in_tank(seen))
 
@@ -37,17 +37,17 @@ class PoseKeeping(Guidance):
         """Run the law once."""
         law = self.tools.positioning
         assert law is not None
-        wanted = (
-            seen.eta[0] if order.x_m is None else order.x_m,
-            seen.eta[1] if order.y_m is None else order.y_m,
-            seen.eta[2] if order.psi_rad is None else order.psi_rad,
-        )
-        target = _where_ours(wanted, seen.eta, seen.ours)
-        reference = self._shaped(seen.dt_s, target) if all(seen.ours) else Reference(target)
-        self._error = (target[0] - seen.eta[0], target[1] - seen.eta[1], wrap_angle(target[2] - seen.eta[2]))
-        self._reference = reference.eta
-        disturbance = self._news.step(seen.dt_s, seen.disturbance) if law.integral else seen.disturbance
-        return law.step(seen.dt_s, reference, seen.eta, seen.nu, seen.missing, disturbance)
+        dt_s, eta, x_m, y_m, psi_rad = seen.dt_s, seen.eta, order.x_m, order.y_m, order.psi_rad
+        x, y, psi = eta
+        target = (x if x_m is None else x_m, y if y_m is None else y_m, psi if psi_rad is None else psi_rad)
+        if seen.ours == ALL:
+            reference = self._shaped(dt_s, target)
+        else:
+            target = _where_ours(target, eta, seen.ours)
+            reference = Reference(target)
+        self._target, self._reference, self._eta = target, reference.eta, eta
+        disturbance = self._feed_forward.step(law, dt_s, seen.disturbance)
+        return law.step(dt_s, reference, eta, seen.nu, seen.missing, disturbance)
 
     def _shaped(self, dt_s: float, target: Vector3) -> Reference:
         """Return the reference of this moment on the way to the target."""
@@ -59,7 +59,9 @@ class PoseKeeping(Guidance):
 
     def told(self) -> dict[str, Any]:
         """Return the errors from the helm's reference, whatever the filter makes of it, and what the law holds."""
-        return law_told(self.tools, self._error) | reference_told(self._reference)
+        (x, y, psi), (here_x, here_y, here_psi) = self._target, self._eta
+        error = (x - here_x, y - here_y, wrap_angle(psi - here_psi))
+        return law_told(self.tools, error) | reference_told(self._reference)
 
 
 def law_told(tools: Tools, error: Vector3) -> dict[str, Any]:

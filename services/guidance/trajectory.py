@@ -7,7 +7,7 @@ from typing import Any
 
 from bus.messages import HelmState
 from marine.control.base import ZERO, Reference, Vector3
-from marine.control.washout import Washout
+from marine.control.feed_forward import FeedForward
 from marine.frames import to_body, wrap_angle
 from marine.guidance.abilities import course_of
 from marine.guidance.reference_filter import ReferenceFilter
@@ -37,13 +37,13 @@ class Following(Guidance):
         self._request = ""
         self._on_path = False
         self._error, self._reference = ZERO, ZERO
-        self._news = Washout(1.0 / tools.vessel.hold_w0_rad_s)
+        self._feed_forward = FeedForward(1.0 / tools.vessel.hold_w0_rad_s)
 
     def engage(self, order: HelmState, seen: Seen) -> None:
         """Begin here: go on along the path if the vessel is still on it, else back to where it was left."""
         assert self.tools.positioning is not None
         self.tools.positioning.follow(seen.eta, seen.nu, seen.given)
-        self._news.start(seen.disturbance)
+        self._feed_forward.start(seen.disturbance)
         rate = rate_in_tank(seen)
         self._filter.start(seen.eta, rate)
         if self._path is None or order.request_id != self._request:
@@ -79,7 +79,7 @@ class Following(Guidance):
         )
         self._reference = reference.eta
         self._error = (x - seen.eta[0], y - seen.eta[1], wrap_angle(filter_.eta[2] - seen.eta[2]))
-        disturbance = self._news.step(seen.dt_s, seen.disturbance) if law.integral else seen.disturbance
+        disturbance = self._feed_forward.step(law, seen.dt_s, seen.disturbance)
         return law.step(seen.dt_s, reference, seen.eta, seen.nu, seen.missing, disturbance)
 
     def _path_of(self, order: HelmState, seen: Seen) -> Trajectory:

@@ -47,6 +47,30 @@ def test_from_rest_it_arrives_without_overshoot_on_the_straight_line(target: tup
     assert abs(wrap_angle(shaped.eta[2] - target[2])) < 1e-3 or abs(turn) > 3.1
 
 
+def test_a_motion_ends_on_its_target_and_the_next_begins_there() -> None:
+    shaped, target = ReferenceFilter(LIMITS), (1.0, -0.5, 2.0 * math.pi - 1.0)
+    shaped.start((0.0, 0.0, 1.0), (0.1, 0.0, 0.3))
+    for _ in range(int(40.0 / DT)):
+        before = shaped.eta
+        shaped.step(DT, target)
+        assert math.dist(shaped.eta[:2], before[:2]) <= math.hypot(*shaped.rate[:2]) * DT + 1e-9
+    assert shaped.eta == (1.0, -0.5, wrap_angle(target[2]))
+    assert shaped.rate == shaped.acceleration == (0.0, 0.0, 0.0)
+    shaped.step(DT, (2.0, -0.5, -1.0))
+    assert 0.0 < shaped.eta[0] - 1.0 == pytest.approx(shaped.rate[0] * DT, rel=1e-6)
+    shaped.step(DT, target)
+    assert shaped.rate[0] != 0.0, "it was moving: it cannot stop at once"
+
+
+@pytest.mark.parametrize("passing", [(0.25, 0.0, 0.0), (0.0, 0.0, 0.5)])
+def test_one_that_only_passes_its_target_goes_on(passing: tuple[float, float, float]) -> None:
+    shaped = ReferenceFilter(LIMITS)
+    shaped.start((0.0, 0.0, 0.0), passing)
+    ahead = tuple(0.5 * rate / LIMITS.approach_1_s for rate in passing)  # where the lag lets it be at the target
+    shaped.step(DT, (ahead[0], ahead[1], ahead[2]))
+    assert math.hypot(*shaped.rate) > 0.1
+
+
 def test_limits_of_a_vessel_take_no_more_than_the_share() -> None:
     vessel = load_vessel("pladypos")
     X, Y, _, _, _, N = axis_limits(vessel)
