@@ -56,7 +56,7 @@ class Allocation:
         self.working = [i for i in range(B.shape[1]) if i not in failed]
         """Columns that take part."""
         self._size = B.shape[1]
-        self._rows = [(axis, row) for axis, row in enumerate(B.tolist()) if any(row)]
+        self._columns: list[list[float]] = B.T.tolist()
         self._lower: list[float] = lower[self.working].tolist()
         self._upper: list[float] = upper[self.working].tolist()
         scale = np.maximum(upper, -lower)[self.working]
@@ -145,8 +145,12 @@ class Allocation:
 
     def wrench(self, thrusts: Sequence[float]) -> Wrench:
         """Return B t, [X Y Z K M N] in N and Nm: what thrusts in N of all n actuators do together."""
-        wrench = [0.0] * len(AXES)
-        for axis, row in self._rows:
-            wrench[axis] = sum(map(mul, row, thrusts))
-        X, Y, Z, K, M, N = wrench
+        X = Y = Z = K = M = N = 0.0
+        for thrust, (x, y, z, k, m, n) in zip(thrusts, self._columns, strict=True):
+            X += x * thrust
+            Y += y * thrust
+            Z += z * thrust
+            K += k * thrust
+            M += m * thrust
+            N += n * thrust
         return X, Y, Z, K, M, N
