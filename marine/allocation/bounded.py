@@ -94,7 +94,7 @@ class Allocation:
         hessian = A.T @ A + REGULARISATION * np.eye(len(scale))
         full = self.rank == len(self.axes)
         free = preferred if full else -np.linalg.solve(hessian, linear)
-        self._answers = np.vstack([scale[:, None] * free, linear])  # of a demand: free thrusts; linear term of the QP
+        self._free, self._linear = scale[:, None] * free, linear  # of a demand: free thrusts; linear term of the QP
         self._solver = daqp.Model()
         self._bounds = np.array(self._upper) / scale, np.array(self._lower) / scale
         self._solver.setup(hessian, np.zeros(len(scale)), np.zeros((0, len(scale))), *self._bounds)
@@ -111,15 +111,13 @@ class Allocation:
         self._demand[:] = demand
         if max(map(abs, demand)) > self._endless:
             np.clip(self._demand, -self._most, self._most, out=self._demand)
-        answers = self._answers.dot(self._demand)
+        thrusts: list[float] = self._free.dot(self._demand).tolist()
         lower, upper = self._lower, self._upper
         if limits is not None:
             lower = [max(low, limits[0][i]) for low, i in zip(lower, self.working, strict=True)]
             upper = [min(high, limits[1][i]) for high, i in zip(upper, self.working, strict=True)]
-        n = len(lower)
-        thrusts: list[float] = answers[:n].tolist()
         if not (all(map(le, lower, thrusts)) and all(map(le, thrusts, upper))):
-            thrusts = self._solve_bounded(answers[n:], None if limits is None else (lower, upper))
+            thrusts = self._solve_bounded(None if limits is None else (lower, upper))
         if len(thrusts) == self._size:
             return thrusts
         every = [0.0] * self._size
@@ -127,7 +125,8 @@ class Allocation:
             every[i] = thrust
         return every
 
-    def _solve_bounded(self, linear: Array, limits: tuple[list[float], list[float]] | None) -> list[float]:
+    def _solve_bounded(self, limits: tuple[list[float], list[float]] | None) -> list[float]:
+        linear = self._linear.dot(self._demand)
         if self._keep_direction:
             linear = linear * self.attainable.scaled(self._demand)
         if limits is not None:
