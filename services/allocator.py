@@ -103,8 +103,9 @@ class Allocator(Service):
         """Take the allocation of the actuators that work."""
         self._allocation = allocation = self._crew.allocation
         fields = [(axis, field, f"demanded_{field}") for axis, field in enumerate(WRENCH_FIELDS)]
-        self._controlled = [(*names, _NEGLIGIBLE * allocation.reach[names[0]]) for names in fields if names[0] in allocation.axes]
-        self._ignored = [names for names in fields if names[0] not in allocation.axes]
+        tolerances = {axis: _NEGLIGIBLE * allocation.reach[axis] for axis in allocation.axes}
+        self._controlled = [(*fields[axis], tolerance) for axis, tolerance in tolerances.items()]
+        self._ignored = [entry for entry in fields if entry[0] not in tolerances]
         self._acting = [(axis, WRENCH_FIELDS[axis]) for axis in allocation.acting]
         reason = self._crew.health().reason
         if reason and reason != self.note:

@@ -73,9 +73,10 @@ class PoolGuard:
         even = np.linspace(0.0, way[-1], _STEPS + 1)
         self._steps_per_m = _STEPS / float(way[-1])
         speeds, slopes = np.interp(even, way, v), np.interp(even, way, slope)
-        growth = (np.diff(table, append=table[-1]) for table in (speeds, slopes))
-        self._table: list[list[float]] = np.column_stack([speeds, slopes, *growth]).tolist()
+        steps = (speeds[:-1], slopes[:-1], np.diff(speeds), np.diff(slopes))
+        self._table: list[list[float]] = np.column_stack(steps).tolist()
         """Safe speed and its slope at each step of the distance, and by how much they grow to the next."""
+        self._furthest = float(speeds[-1]), float(slopes[-1])
 
     def safe(self, distance_m: float) -> tuple[float, float]:
         """Return the largest speed towards a wall in m/s at a distance of the hull, and its slope in 1/s.
@@ -85,8 +86,8 @@ class PoolGuard:
         if distance_m < 0.0:
             return RATE_1_S * distance_m, RATE_1_S
         steps = distance_m * self._steps_per_m
-        if steps > _STEPS:
-            steps = _STEPS
+        if steps >= _STEPS:
+            return self._furthest
         i = int(steps)
         speed, slope, faster, steeper = self._table[i]
         return speed + (steps - i) * faster, slope + (steps - i) * steeper
