@@ -70,16 +70,16 @@ class FixedActuators:
         wrench is no command at once, whatever is owed.
         """
         if carry and not (self._moving or self._rate_limited) and any(tau):
-            thrusts = self.allocation.solve(tau)
-            return Answer(self._rounding.commands(thrusts, dt_s), self.allocation.wrench(thrusts))
+            thrusts, attained = self.allocation.solve(tau)
+            return Answer(self._rounding.commands(thrusts, dt_s), attained)
         self._rounding.forget()
         drives = self._at(U)
         narrowed = self._narrowed(drives, dt_s) if self._moving or self._rate_limited else None
-        thrusts = self.allocation.solve(tau, narrowed)
+        thrusts, attained = self.allocation.solve(tau, narrowed)
         if self._rate_limited:
             self._before = [d.curve.command(t) for d, t in zip(drives, thrusts, strict=True)]
         commands = [d.command(t) for d, t in zip(drives, thrusts, strict=True)]
-        return Answer(commands, self.allocation.wrench(thrusts))
+        return Answer(commands, attained)
 
     def _narrowed(self, drives: Sequence[Drive], dt_s: float) -> tuple[list[float], list[float]]:
         """Return thrust limits of this moment: a command's rate is limited where its thrust can be at its next call."""
