@@ -5,7 +5,7 @@ thesis 2.2 and 8.1; axes are numbered as in [X, Y, Z, K, M, N].
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from operator import itemgetter, le, mul
 
 import daqp
@@ -145,7 +145,7 @@ class Allocation:
             raise ArithmeticError(f"allocation of {self._demand.tolist()} failed: daqp exit flag {exit_flag}")
         return list(map(mul, part.tolist(), self._scale))
 
-    def wrench(self, thrusts: Sequence[float]) -> Wrench:
+    def wrench(self, thrusts: Iterable[float]) -> Wrench:
         """Return B t, [X Y Z K M N] in N and Nm: what thrusts in N of all n actuators do together."""
         X = Y = Z = K = M = N = 0.0
         for thrust, (x, y, z, k, m, n) in zip(thrusts, self._columns, strict=True):

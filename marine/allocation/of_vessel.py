@@ -98,7 +98,7 @@ class FixedActuators:
 
     def delivered(self, commands: Sequence[float], U: float = 0.0) -> Wrench:
         """Return the wrench that commands give at speed U in m/s, rounding and dead zone included."""
-        return self.allocation.wrench([d.thrust(n) for d, n in zip(self._at(U), commands, strict=True)])
+        return self.allocation.wrench(map(Drive.thrust, self._at(U), commands))
 
     def _at(self, U: float) -> list[Drive]:
         return [drive.at(U) for drive in self._drives] if self._moving else self._drives
