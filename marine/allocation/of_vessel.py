@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,11 +18,8 @@ from marine.vessel import AXES, Actuator, QuadraticThrust, Rudder, Thruster, Ves
 _X, _N = 0, 5
 
 
-class Answer(NamedTuple):
-    """Commands for all actuators in the order of the vessel file, and the wrench before rounding, N and Nm."""
-
-    commands: list[float]
-    attained: Wrench
+Answer = tuple[list[float], Wrench]
+"""Commands for all actuators in the order of the vessel file, and the wrench before rounding, N and Nm."""
 
 
 class FixedActuators:
@@ -71,7 +67,7 @@ class FixedActuators:
         """
         if carry and not (self._moving or self._rate_limited) and any(tau):
             thrusts, attained = self.allocation.solve(tau)
-            return Answer(self._rounding.commands(thrusts, dt_s), attained)
+            return self._rounding.commands(thrusts, dt_s), attained
         self._rounding.forget()
         drives = self._at(U)
         narrowed = self._narrowed(drives, dt_s) if self._moving or self._rate_limited else None
@@ -79,7 +75,7 @@ class FixedActuators:
         if self._rate_limited:
             self._before = [d.curve.command(t) for d, t in zip(drives, thrusts, strict=True)]
         commands = [d.command(t) for d, t in zip(drives, thrusts, strict=True)]
-        return Answer(commands, attained)
+        return commands, attained
 
     def _narrowed(self, drives: Sequence[Drive], dt_s: float) -> tuple[list[float], list[float]]:
         """Return thrust limits of this moment: a command's rate is limited where its thrust can be at its next call."""
@@ -160,7 +156,7 @@ class SteeredPropellers:
         self._n = max(self._n - spin, min(self._n + spin, self._curve.command(thrust)))
         commands = [self._command(a, self._n, self._delta) for a in self._actuators]
         X, Y, N = self._steering.forces(self._curve.thrust(self._n), self._delta, U)
-        return Answer(commands, (X, Y, 0.0, 0.0, 0.0, N))
+        return commands, (X, Y, 0.0, 0.0, 0.0, N)
 
     def _command(self, actuator: Actuator, n: float, delta: float) -> float:
         if isinstance(actuator, Rudder):
