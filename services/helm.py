@@ -362,7 +362,8 @@ class Helm(Service):
         """Publish the latched state, at every change and five times a second."""
         if not self._restored:
             return  # it would overwrite the former state in the hub
-        reason = self._reason or (self.actuators.latest.reason if self.actuators.latest else "")
+        health = self.actuators.latest
+        reason = self._reason or (health.reason if health else "")
         task, moving = self._task, self._suspended_at_s is None
         guarded = self._guarded if task.mode != "stop" and now_s - self._guarded_s < GUARD_TOLD_S else ""
         content = (
