@@ -18,7 +18,6 @@ from marine.vessel import COMMAND_DIGITS, Vessel
 from services.actuator_health import Crew, Refused
 
 TELL_S = 1.0
-_FIELDS = [(axis, field, f"demanded_{field}") for axis, field in enumerate(WRENCH_FIELDS)]
 _OPEN_LOOP = ("manual", "experiment")
 """Modes in which thrusts stay steady while the wrench does: an experiment measures what they do."""
 _NEGLIGIBLE = 1e-6
@@ -103,9 +102,11 @@ class Allocator(Service):
     def _follow_crew(self) -> None:
         """Take the allocation of the actuators that work."""
         self._allocation = allocation = self._crew.allocation
-        axes = allocation.axes
-        self._tolerances = [(axis, _NEGLIGIBLE * allocation.reach[axis]) for axis in axes]
-        self._ignored = [axis for axis in range(len(AXES)) if axis not in axes]
+        fields = [(axis, field, f"demanded_{field}") for axis, field in enumerate(WRENCH_FIELDS)]
+        tolerances = {axis: _NEGLIGIBLE * allocation.reach[axis] for axis in allocation.axes}
+        self._controlled = [(*fields[axis], tolerance) for axis, tolerance in tolerances.items()]
+        self._ignored = [entry for entry in fields if entry[0] not in tolerances]
+        self._acting = [(axis, WRENCH_FIELDS[axis]) for axis in allocation.acting]
         reason = self._crew.health().reason
         if reason and reason != self.note:
             self.log.warning(reason)
@@ -133,35 +134,35 @@ class Allocator(Service):
         self.health.publish(self._crew.health())
 
     def _allocate(self, wrench: HelmWrench, now_s: float) -> None:
-        U = wrench.speed_m_s or 0.0
-        tau = wrench.vector()
-        answer = self._allocation.solve(tau, U, now_s - self._before_s, carry=wrench.mode not in _OPEN_LOOP)
-        self._publish(answer.commands, U, wrench.origin_ns)
-        attained = answer.attained
-        missed = any(abs(attained[axis] - tau[axis]) > tolerance for axis, tolerance in self._tolerances)
+        demand, tau = vars(wrench), wrench.vector()
+        U, origin_ns = demand["speed_m_s"] or 0.0, demand["origin_ns"]
+        carry = demand["mode"] not in _OPEN_LOOP
+        commands, attained = self._allocation.solve(tau, U, now_s - self._before_s, carry=carry)
+        self._publish(commands, U, origin_ns)
         told: dict[str, float] = {}
-        for axis, field, demanded_field in _FIELDS:
-            if (demanded := getattr(wrench, field)) is not None:
-                told[demanded_field] = demanded
-            if demanded is not None or axis in self._allocation.axes:
-                told[field] = attained[axis]
-        self.attained.publish(
-            AttainedWrench(
-                origin_ns=wrench.origin_ns,
-                limited=missed or any(tau[axis] for axis in self._ignored),
-                **told,
-            )
-        )
+        limited = False
+        for axis, field, demanded_field, tolerance in self._controlled:
+            told[field] = attained[axis]
+            if demand[field] is not None:
+                told[demanded_field] = demand[field]
+            if abs(attained[axis] - tau[axis]) > tolerance:
+                limited = True
+        for axis, field, demanded_field in self._ignored:
+            if demand[field] is not None:
+                told[field], told[demanded_field] = attained[axis], demand[field]
+                limited = limited or tau[axis] != 0.0
+        self.attained.publish(AttainedWrench(origin_ns=origin_ns, limited=limited, **told))
 
     def _stop_actuators(self) -> None:
         self._publish(self._allocation.stop(), 0.0, None)
         self.attained.publish(AttainedWrench(**{WRENCH_FIELDS[axis]: 0.0 for axis in self._allocation.axes}))
 
     def _publish(self, commands: Sequence[float], U: float, origin_ns: int | None) -> None:
-        commands = [round(n, COMMAND_DIGITS) for n in commands]  # as the platform gets them
+        # as the platform gets them; most are whole, and to round those takes twelve times as long as to see it
+        commands = [n if n.is_integer() else round(n, COMMAND_DIGITS) for n in commands]
         self.command.publish(
             ActuatorCommand(origin_ns=origin_ns, commands=dict(zip(self._names, commands, strict=True)))
         )
         given = self._allocation.delivered(commands, U)
-        acting = {WRENCH_FIELDS[axis]: given[axis] for axis in self._allocation.acting}
+        acting = {field: given[axis] for axis, field in self._acting}
         self.delivered.publish(Wrench(origin_ns=origin_ns, **acting))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from pydantic import Field
@@ -11,7 +12,6 @@ from bus import topics
 from bus.clock import NS
 from bus.config import Section
 from bus.messages import (
-    AXIS_FIELDS,
     ExperimentPlan,
     HelmAnswer,
     HelmState,
@@ -34,7 +34,8 @@ from services.helm_modes import (
     Checks,
     Reference,
     Refused,
-    Source,
+    Task,
+    law_of,
 )
 from services.models_in_force import vessel_in_force
 
@@ -66,13 +67,6 @@ class Lease:
         return self.attended and self.holder not in ("", client) and now_s < self.expires_s
 
 
-def _law(mode: Mode, plan: ExperimentPlan | None) -> str:
-    """Return what the controller runs: in an experiment with the laser it faces the wall, in one under way it runs."""
-    if plan and plan.speed_m_s is not None:
-        return MODES["speed"].law
-    return WALL_LAW if plan and plan.sensor == "laser" else MODES[mode].law
-
-
 class Helm(Service):
     """Grant requests, pass on the wrench of the source in charge, suspend when source or pose go silent."""
 
@@ -99,12 +93,10 @@ class Helm(Service):
         self._limits = axis_limits(vessel)
         self._take_vessel(vessel)
         self._guarded, self._guarded_s = "", -math.inf
-        self._mode: Mode = "stop"
+        self._undertake("stop")
         self._fault = False
         self._suspended_at_s: float | None = None
         self._reason = ""
-        self._reference = Reference()
-        self._plan: ExperimentPlan | None = None
         self._request = ""
         self._lease = Lease()
         self._refused = 0
@@ -118,6 +110,9 @@ class Helm(Service):
         self.vessel, self._checks = vessel, Checks(vessel)
         self._guard = PoolGuard(vessel) if self.config.guard else None
 
+    def _undertake(self, mode: Mode, reference: Reference | None = None, plan: ExperimentPlan | None = None) -> None:
+        self._task = Task(mode, reference or Reference(), plan, heave=self._limits[2] > 0.0)
+
     def start(self, now_s: float) -> None:
         """Remember when: the former state may come from the hub within RESTORE_S."""
         self._started_s = now_s
@@ -126,7 +121,8 @@ class Helm(Service):
         """Restore once, answer requests, watch the lease, publish the wrench."""
         if (vessel := vessel_in_force(self.vessel, self.gains)) is not self.vessel:
             self._take_vessel(vessel)
-        self._restore(now_s)
+        if not self._restored:
+            self._restore(now_s)
         for request in self.requests.take():
             self._answer(request, now_s)
         self._watch_lease(now_s)
@@ -137,8 +133,6 @@ class Helm(Service):
 
     def _restore(self, now_s: float) -> None:
         """After a restart: take the former mode up again only if the operator's lease still lives."""
-        if self._restored:
-            return
         former = self.former.latest
         if former is None:
             self._restored = now_s - self._started_s >= RESTORE_S
@@ -147,9 +141,9 @@ class Helm(Service):
         expires_s = former.lease_expires_ns / NS
         if former.mode in ("stop", "experiment") or former.mode not in MODES or now_s >= expires_s:
             return
-        self._mode = former.mode
+        self._undertake(former.mode, Reference.of(former))
         self._lease = Lease(former.holder, former.attended, expires_s)
-        self._reference, self._request = Reference.of(former), former.request_id
+        self._request = former.request_id
         self._suspend("the helm has started again", now_s)
 
     def _answer(self, request: OperatorRequest, now_s: float) -> None:
@@ -197,7 +191,7 @@ class Helm(Service):
     def _end_lease(self, reason: str) -> None:
         """Without an operator a mode stays, stops, or becomes `hold`, as its row says."""
         self._lease = Lease()
-        afterwards = MODES[self._mode].afterwards
+        afterwards = self._task.rule.afterwards
         if afterwards == "stop":
             self._stop(reason)
         elif afterwards == "hold":
@@ -206,35 +200,20 @@ class Helm(Service):
     def _enter(self, request: OperatorRequest, mode: Mode, now_s: float) -> str:
         self._checks.rule(mode)
         reference = Reference()
-        plan = self._checked_plan(request) if mode == "experiment" else None
+        plan = self._checks.plan(request) if mode == "experiment" else None
         if mode != "manual":
-            pose, problem = self._pose(now_s, mode, _law(mode, plan))
+            pose, problem = self._pose(now_s, mode, law_of(mode, plan))
             if pose is None:
                 raise Refused(f"no {mode} without a pose: {problem}")
             reference = self._checks.reference(request, mode, pose, self.wall.fresh(now_s))
             if plan and plan.speed_m_s is not None:
                 reference = replace(reference, speed_m_s=plan.speed_m_s)
-        self._plan = plan
-        self._request = request.request_id
-        entering = mode != self._mode
-        self._mode, self._reference, self._fault = mode, reference, False
+        self._request, self._fault = request.request_id, False
+        entering = mode != self._task.mode
+        self._undertake(mode, reference, plan)
         if entering:
             self._reason, self._suspended_at_s = "", None
         return str(reference)
-
-    def _checked_plan(self, request: OperatorRequest) -> ExperimentPlan:
-        """Return the plan of an experiment that the vessel has an axis for."""
-        plan = request.experiment
-        if plan is None:
-            raise Refused("which experiment? the request names none")
-        component = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "N"}[plan.axis]
-        if component not in self.vessel.controlled:
-            raise Refused(f"{self.vessel.name} has no actuators for {plan.axis}")
-        if plan.sensor == "laser":
-            self._checks.rule("distance")
-            if plan.axis != "surge":
-                raise Refused(f"a laser module measures surge, not {plan.axis}")
-        return self._checks.under_way(plan)
 
     def _hold_here(self, reason: str) -> None:
         """Give all axes to the controller: hold the place where the vessel is; a vessel that cannot do that stops."""
@@ -245,20 +224,21 @@ class Helm(Service):
         self._hold(self._checks.here(state, GAP_M if self._guard else 0.0), reason)
 
     def _hold(self, reference: Reference, reason: str) -> None:
-        self._mode, self._reference, self._plan, self._reason = "hold", reference, None, reason
+        self._undertake("hold", reference)
+        self._reason = reason
 
     # --- the switch -----------------------------------------------------------------------------------------
 
     def _steer(self, now_s: float) -> None:
-        if self._mode == "experiment":
+        if self._task.plan:
             self._watch_experiment()
-        if MODES[self._mode].law == "path":
+        if self._task.law == "path":
             self._watch_path(now_s)
-        if MODES[self._mode].law:
+        if self._task.law:
             self._pass_on_or_suspend(now_s)
-        elif self._mode == "manual":
+        elif self._task.mode == "manual":
             self._suspended_at_s = None
-            self._publish(self._stick(now_s), None, now_s)
+            self._publish(self._stick(now_s), None, self.navigation.fresh(now_s), now_s)
         else:
             self._publish_zero()
 
@@ -286,18 +266,19 @@ class Helm(Service):
             self._stop(reason)
             return
         x_m, y_m, psi_rad = status.reference_x_m, status.reference_y_m, status.reference_psi_rad
-        self._hold(Reference(x_m, y_m, psi_rad, self._reference.z_m), reason)
+        self._hold(Reference(x_m, y_m, psi_rad, self._task.reference.z_m), reason)
 
     def _pass_on_or_suspend(self, now_s: float) -> None:
         """Pass on the wrench of the sources in charge while they and the pose are fresh; else suspend, later stop."""
+        task, control = self._task, self.control
         wrench, problem = self._demand(now_s)
-        state, lost = self._pose(now_s, self._mode, _law(self._mode, self._plan))
+        state, lost = self._pose(now_s, task.mode, task.law)
         problem = lost or problem
         if not problem and wrench is not None and state is not None:
-            if self._suspended_at_s is not None or self._mode == "experiment":
+            if self._suspended_at_s is not None or task.plan:
                 self._suspended_at_s, self._reason = None, ""
-            if self.control.updated or (self._plan and self.experiment.updated):
-                self._publish(wrench, self.control.latest, now_s)  # never twice: an old wrench stays old
+            if control.updated or (task.plan and self.experiment.updated):
+                self._publish(wrench, control.latest, state, now_s)  # never twice: an old wrench stays old
             return
         self._suspend(problem, now_s)
         if self._suspended_at_s is not None and now_s - self._suspended_at_s > self.config.resume_within_s:
@@ -306,16 +287,20 @@ class Helm(Service):
 
     def _demand(self, now_s: float) -> tuple[dict[str, float] | None, str]:
         """Return what the sources of all axes demand, or None and who is silent."""
-        control, part = self.control.fresh(now_s), self.experiment.fresh(now_s)
+        task, control = self._task, self.control.fresh(now_s)
         if control is None:
             return None, "no wrench from the controller"
-        if self._plan and part is None:
-            return None, "no wrench from the experiment"
-        sources, demand = self._sources(), {}
-        stick = self._stick(now_s) if MANUAL in sources.values() else {}
-        for axis, source in sources.items():
-            field = AXIS_FIELDS[axis]
-            value = stick[field] if source == MANUAL else getattr(part if source == EXPERIMENT else control, field)
+        said: dict[str, Mapping[str, float | None]] = {CONTROLLER: vars(control)}
+        if task.plan:
+            part = self.experiment.fresh(now_s)
+            if part is None:
+                return None, "no wrench from the experiment"
+            said[EXPERIMENT] = vars(part)
+        if task.has_stick:
+            said[MANUAL] = self._stick(now_s)
+        demand = {}
+        for field, source in task.fields:
+            value = said[source][field]
             if value is not None:
                 demand[field] = value
         return demand, ""
@@ -332,31 +317,36 @@ class Helm(Service):
             wall = self.wall.fresh(now_s)
             seen = wall is not None and wall.status != "lost"
             return (state, "") if seen else (None, "the laser module has not seen the wall for too long")
-        longest_s: float = getattr(self.vessel.validity, f"{mode}_s", self.vessel.validity.hold_s)
-        if state.status not in ("tracking", "predicting") or state.measurement_age_s > longest_s:
-            return None, f"the pose is lost ({state.status}, last seen {state.measurement_age_s:.1f} s ago)"
+        status, age_s = state.status, state.measurement_age_s
+        if status not in ("tracking", "predicting") or age_s > self._checks.longest_s[mode]:
+            return None, f"the pose is lost ({status}, last seen {age_s:.1f} s ago)"
         return state, ""
 
-    def _publish(self, wrench: dict[str, float], origin: Wrench | None, now_s: float) -> None:
+    def _publish(
+        self, wrench: dict[str, float], origin: Wrench | None, state: NavigationState | None, now_s: float
+    ) -> None:
         """Publish what acts: the guard has the last word."""
-        state = self.navigation.fresh(now_s)
-        if self._guard and state is not None and state.status in ("tracking", "predicting"):
-            (X, Y, N), why = self._guard.kept(
-                (wrench.get("surge_n", 0.0), wrench.get("sway_n", 0.0), wrench.get("yaw_nm", 0.0)),
-                (state.x_m, state.y_m, state.psi_rad),
-                (state.surge_m_s, state.sway_m_s, state.yaw_rad_s),
-                (state.disturbance_x_n or 0.0, state.disturbance_y_n or 0.0, state.disturbance_yaw_nm or 0.0),
-                (state.x_std_m or 0.0, state.y_std_m or 0.0),
-            )
-            if why:
-                wrench = wrench | {"surge_n": X, "sway_n": Y, "yaw_nm": N}
-                self._guarded, self._guarded_s = why, now_s
-        speed_m_s = math.hypot(state.surge_m_s, state.sway_m_s) if state else None
+        speed_m_s = None
+        if state is not None:
+            told = vars(state)
+            u, v = told["surge_m_s"], told["sway_m_s"]
+            speed_m_s = math.hypot(u, v)
+            if self._guard and told["status"] in ("tracking", "predicting"):
+                (X, Y, N), why = self._guard.kept(
+                    (wrench.get("surge_n", 0.0), wrench.get("sway_n", 0.0), wrench.get("yaw_nm", 0.0)),
+                    (told["x_m"], told["y_m"], told["psi_rad"]),
+                    (u, v, told["yaw_rad_s"]),
+                    (told["disturbance_x_n"] or 0.0, told["disturbance_y_n"] or 0.0, told["disturbance_yaw_nm"] or 0.0),
+                    (told["x_std_m"] or 0.0, told["y_std_m"] or 0.0),
+                )
+                if why:
+                    wrench = wrench | {"surge_n": X, "sway_n": Y, "yaw_nm": N}
+                    self._guarded, self._guarded_s = why, now_s
         origin_ns = origin.origin_ns if origin else None
-        self.wrench.publish(HelmWrench(mode=self._mode, origin_ns=origin_ns, speed_m_s=speed_m_s, **wrench))
+        self.wrench.publish(HelmWrench(mode=self._task.mode, origin_ns=origin_ns, speed_m_s=speed_m_s, **wrench))
 
     def _publish_zero(self) -> None:
-        self.wrench.publish(HelmWrench(mode=self._mode, surge_n=0.0, sway_n=0.0, yaw_nm=0.0))
+        self.wrench.publish(HelmWrench(mode=self._task.mode, surge_n=0.0, sway_n=0.0, yaw_nm=0.0))
 
     def _suspend(self, reason: str, now_s: float) -> None:
         if self._suspended_at_s is None:
@@ -364,52 +354,44 @@ class Helm(Service):
         self._reason = reason
 
     def _stop(self, reason: str, *, fault: bool = False) -> None:
-        self._mode, self._fault, self._reason = "stop", fault, reason
-        self._reference, self._suspended_at_s, self._plan = Reference(), None, None
+        self._undertake("stop")
+        self._fault, self._reason, self._suspended_at_s = fault, reason, None
         self._lease = Lease()
 
     def _tell(self, now_s: float) -> None:
         """Publish the latched state, at every change and five times a second."""
         if not self._restored:
             return  # it would overwrite the former state in the hub
-        reason = self._reason or (self.actuators.latest.reason if self.actuators.latest else "")
-        guarded = self._guarded if self._mode != "stop" and now_s - self._guarded_s < GUARD_TOLD_S else ""
+        health = self.actuators.latest
+        reason = self._reason or (health.reason if health else "")
+        task, moving = self._task, self._suspended_at_s is None
+        guarded = self._guarded if task.mode != "stop" and now_s - self._guarded_s < GUARD_TOLD_S else ""
         content = (
-            self._mode, self._fault, self._suspended_at_s is None, reason, self._reference, self._lease.holder,
-            self._refused, self._plan, self._request, guarded,
+            task.mode, self._fault, moving, reason, task.reference, self._lease.holder, self._refused, task.plan,
+            self._request, guarded,
         )  # fmt: skip
         if content == self._told and now_s - self._told_s < STATE_PERIOD_S:
             return
         self._told, self._told_s = content, now_s
         self.state.publish(
             HelmState(
-                mode=self._mode,
-                status="fault" if self._fault else "disarmed" if self._mode == "stop" else "armed",
-                suspended=self._suspended_at_s is not None,
+                mode=task.mode,
+                status="fault" if self._fault else "disarmed" if task.mode == "stop" else "armed",
+                suspended=not moving,
                 reason=reason,
-                **vars(self._reference),
+                **vars(task.reference),
                 request_id=self._request,
                 guard=guarded,
-                sources=self._sources(),
-                law=_law(self._mode, self._plan),
-                experiment=self._plan,
-                experiment_run=self._request if self._plan else "",
+                sources=task.sources,
+                law=task.law,
+                experiment=task.plan,
+                experiment_run=self._request if task.plan else "",
                 holder=self._lease.holder,
                 attended=self._lease.attended,
                 lease_expires_ns=round(self._lease.expires_s * NS),
                 refused=self._refused,
             )
         )
-
-    def _sources(self) -> dict[str, Source]:
-        """Return who has which axis."""
-        rule = MODES[self._mode]
-        sources = dict.fromkeys(rule.stick, MANUAL) | dict.fromkeys(rule.controller, CONTROLLER)
-        if not self._limits[2]:
-            sources.pop("heave", None)
-        if self._reference.z_m is not None:
-            sources["heave"] = CONTROLLER
-        return sources | ({self._plan.axis: EXPERIMENT} if self._plan else {})
 
     def stop(self, now_s: float) -> None:
         """Let go of the actuators."""

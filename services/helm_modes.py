@@ -7,7 +7,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Literal
 
-from bus.messages import ExperimentPlan, HelmState, Mode, NavigationState, OperatorRequest, WallState, WayPoint
+from bus.messages import (
+    AXIS_FIELDS,
+    ExperimentPlan,
+    HelmState,
+    Mode,
+    NavigationState,
+    OperatorRequest,
+    WallState,
+    WayPoint,
+)
 from marine.frames import wrap_angle
 from marine.guidance.abilities import Abilities
 from marine.vessel import Axis, Rudder, Vessel
@@ -120,6 +129,35 @@ class Reference:
         return ", ".join(parts)
 
 
+def law_of(mode: Mode, plan: ExperimentPlan | None) -> str:
+    """Return what the controller runs: in an experiment with the laser it faces the wall, in one under way it runs."""
+    if plan and plan.speed_m_s is not None:
+        return MODES["speed"].law
+    return WALL_LAW if plan and plan.sensor == "laser" else MODES[mode].law
+
+
+class Task:
+    """What the helm does: a mode, what is wanted in it, and who therefore has which axis."""
+
+    def __init__(
+        self, mode: Mode, reference: Reference, plan: ExperimentPlan | None = None, *, heave: bool = False
+    ) -> None:
+        """plan: of the experiment that has one of the axes. heave: whether there is an actuator for it."""
+        self.mode, self.reference, self.plan = mode, reference, plan
+        self.rule, self.law = MODES[mode], law_of(mode, plan)
+        """law: what the controller runs; empty where it has no axis."""
+        sources = dict.fromkeys(self.rule.stick, MANUAL) | dict.fromkeys(self.rule.controller, CONTROLLER)
+        if not heave:
+            sources.pop("heave", None)
+        if reference.z_m is not None:
+            sources["heave"] = CONTROLLER
+        self.sources: dict[str, Source] = sources | ({plan.axis: EXPERIMENT} if plan else {})
+        """Who has which axis."""
+        self.fields = [(AXIS_FIELDS[axis], source) for axis, source in self.sources.items()]
+        """The same by the field of a wrench."""
+        self.has_stick = MANUAL in self.sources.values()
+
+
 class Checks:
     """What is asked for against what the vessel and its pool allow."""
 
@@ -128,6 +166,9 @@ class Checks:
         self.abilities = Abilities(vessel)
         self.can_hold = not self.abilities.lacking(HOLD_NEEDS)
         self.can_keep_depth = not self.abilities.lacking(("Z",)) and vessel.sensor("depth") is not None
+        longest = vessel.validity
+        self.longest_s: Mapping[Mode, float] = {mode: getattr(longest, f"{mode}_s", longest.hold_s) for mode in MODES}
+        """How long a prediction without measurements counts as a pose."""
 
     def rule(self, mode: Mode) -> ModeRule:
         """Return the row of a mode; raise Refused when there is none, or the vessel has not the axes for it."""
@@ -141,7 +182,21 @@ class Checks:
             raise Refused(f"no mode distance: {self.vessel.name} has no laser module")
         return MODES[mode]
 
-    def under_way(self, plan: ExperimentPlan) -> ExperimentPlan:
+    def plan(self, request: OperatorRequest) -> ExperimentPlan:
+        """Return the plan of an experiment that the vessel has an axis for. Raise Refused."""
+        plan = request.experiment
+        if plan is None:
+            raise Refused("which experiment? the request names none")
+        component = {"surge": "X", "sway": "Y", "heave": "Z", "yaw": "N"}[plan.axis]
+        if component not in self.vessel.controlled:
+            raise Refused(f"{self.vessel.name} has no actuators for {plan.axis}")
+        if plan.sensor == "laser":
+            self.rule("distance")
+            if plan.axis != "surge":
+                raise Refused(f"a laser module measures surge, not {plan.axis}")
+        return self._under_way(plan)
+
+    def _under_way(self, plan: ExperimentPlan) -> ExperimentPlan:
         """Return a plan with its speed: a rudder turns a vessel only while it runs. Raise Refused."""
         speed_m_s, rudders = plan.speed_m_s, any(isinstance(a, Rudder) for a in self.vessel.actuators)
         if plan.axis != "yaw":

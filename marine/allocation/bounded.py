@@ -5,7 +5,7 @@ thesis 2.2 and 8.1; axes are numbered as in [X, Y, Z, K, M, N].
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from operator import itemgetter, le, mul
 
 import daqp
@@ -56,7 +56,7 @@ class Allocation:
         self.working = [i for i in range(B.shape[1]) if i not in failed]
         """Columns that take part."""
         self._size = B.shape[1]
-        self._rows = [(axis, row) for axis, row in enumerate(B.tolist()) if any(row)]
+        self._columns: list[list[float]] = B.T.tolist()
         self._lower: list[float] = lower[self.working].tolist()
         self._upper: list[float] = upper[self.working].tolist()
         scale = np.maximum(upper, -lower)[self.working]
@@ -75,7 +75,6 @@ class Allocation:
             itemgetter(*self.axes) if len(self.axes) > 1 else lambda tau: (tau[self.axes[0]],)
         )
         self._most = _ENDLESS * reach[list(self.axes)]
-        self._endless = float(self._most.min())
         self._demand = np.zeros(len(self.axes))
         weights = np.array([priority.get(axis, 1.0) / reach[axis] for axis in self.axes])
         self.weights = weights
@@ -85,49 +84,52 @@ class Allocation:
         self.attainable = AttainableSet(controlled, lower[self.working], upper[self.working])
         """What the working actuators can do on `axes`."""
         self._keep_direction = keep_direction
-        self._prepare(controlled, scale, weights)
+        self._prepare(controlled, scale, weights, matrix)
 
-    def _prepare(self, B: Array, scale: Array, weights: Array) -> None:
+    def _prepare(self, B: Array, scale: Array, weights: Array, matrix: Array) -> None:
         A = weights[:, None] * B * scale
         preferred = np.linalg.pinv(B * scale)  # t0 / T of each unit demand
         linear = -(A.T * weights + REGULARISATION * preferred)
         hessian = A.T @ A + REGULARISATION * np.eye(len(scale))
         full = self.rank == len(self.axes)
         free = preferred if full else -np.linalg.solve(hessian, linear)
-        self._answers = np.vstack([scale[:, None] * free, linear])  # of a demand: free thrusts; linear term of the QP
+        thrusts = scale[:, None] * free
+        self._free = np.vstack([thrusts, matrix @ thrusts])
+        """Of a demand: the thrusts without limits, and the wrench that they give."""
+        self._linear = linear
         self._solver = daqp.Model()
         self._bounds = np.array(self._upper) / scale, np.array(self._lower) / scale
         self._solver.setup(hessian, np.zeros(len(scale)), np.zeros((0, len(scale))), *self._bounds)
         self._solver.settings = {"primal_tol": _TOLERANCE}
         self._narrowed = False
 
-    def solve(self, tau: Sequence[float], limits: tuple[Sequence[float], Sequence[float]] | None = None) -> list[float]:
-        """Return the thrust of each actuator in N for a demanded wrench [X Y Z K M N] in N and Nm.
+    def solve(
+        self, tau: Sequence[float], limits: tuple[Sequence[float], Sequence[float]] | None = None
+    ) -> tuple[list[float], Wrench]:
+        """Return the thrust of each actuator in N for a demanded wrench [X Y Z K M N] in N and Nm, and what they give.
 
         limits: narrower (lower, upper) thrusts of this moment for all n actuators, from a limit on their rate; zero
         need not lie between them.
         """
-        demand = self._of_axes(tau)
-        self._demand[:] = demand
-        if max(map(abs, demand)) > self._endless:
-            np.clip(self._demand, -self._most, self._most, out=self._demand)
-        answers = self._answers.dot(self._demand)
+        self._demand[:] = self._of_axes(tau)
+        *thrusts, X, Y, Z, K, M, N = self._free.dot(self._demand).tolist()
         lower, upper = self._lower, self._upper
         if limits is not None:
             lower = [max(low, limits[0][i]) for low, i in zip(lower, self.working, strict=True)]
             upper = [min(high, limits[1][i]) for high, i in zip(upper, self.working, strict=True)]
-        n = len(lower)
-        thrusts: list[float] = answers[:n].tolist()
-        if not (all(map(le, lower, thrusts)) and all(map(le, thrusts, upper))):
-            thrusts = self._solve_bounded(answers[n:], None if limits is None else (lower, upper))
-        if len(thrusts) == self._size:
-            return thrusts
-        every = [0.0] * self._size
-        for i, thrust in zip(self.working, thrusts, strict=True):
-            every[i] = thrust
-        return every
+        kept = all(map(le, lower, thrusts)) and all(map(le, thrusts, upper))
+        if not kept:
+            thrusts = self._solve_bounded(None if limits is None else (lower, upper))
+        if len(thrusts) < self._size:
+            every = [0.0] * self._size
+            for i, thrust in zip(self.working, thrusts, strict=True):
+                every[i] = thrust
+            thrusts = every
+        return thrusts, (X, Y, Z, K, M, N) if kept else self.wrench(thrusts)
 
-    def _solve_bounded(self, linear: Array, limits: tuple[list[float], list[float]] | None) -> list[float]:
+    def _solve_bounded(self, limits: tuple[list[float], list[float]] | None) -> list[float]:
+        np.clip(self._demand, -self._most, self._most, out=self._demand)
+        linear = self._linear.dot(self._demand)
         if self._keep_direction:
             linear = linear * self.attainable.scaled(self._demand)
         if limits is not None:
@@ -143,10 +145,14 @@ class Allocation:
             raise ArithmeticError(f"allocation of {self._demand.tolist()} failed: daqp exit flag {exit_flag}")
         return list(map(mul, part.tolist(), self._scale))
 
-    def wrench(self, thrusts: Sequence[float]) -> Wrench:
+    def wrench(self, thrusts: Iterable[float]) -> Wrench:
         """Return B t, [X Y Z K M N] in N and Nm: what thrusts in N of all n actuators do together."""
-        wrench = [0.0] * len(AXES)
-        for axis, row in self._rows:
-            wrench[axis] = sum(map(mul, row, thrusts))
-        X, Y, Z, K, M, N = wrench
+        X = Y = Z = K = M = N = 0.0
+        for thrust, (x, y, z, k, m, n) in zip(thrusts, self._columns, strict=True):
+            X += x * thrust
+            Y += y * thrust
+            Z += z * thrust
+            K += k * thrust
+            M += m * thrust
+            N += n * thrust
         return X, Y, Z, K, M, N

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,11 +18,8 @@ from marine.vessel import AXES, Actuator, QuadraticThrust, Rudder, Thruster, Ves
 _X, _N = 0, 5
 
 
-class Answer(NamedTuple):
-    """Commands for all actuators in the order of the vessel file, and the wrench before rounding, N and Nm."""
-
-    commands: list[float]
-    attained: Wrench
+Answer = tuple[list[float], Wrench]
+"""Commands for all actuators in the order of the vessel file, and the wrench before rounding, N and Nm."""
 
 
 class FixedActuators:
@@ -70,16 +66,16 @@ class FixedActuators:
         wrench is no command at once, whatever is owed.
         """
         if carry and not (self._moving or self._rate_limited) and any(tau):
-            thrusts = self.allocation.solve(tau)
-            return Answer(self._rounding.commands(thrusts, dt_s), self.allocation.wrench(thrusts))
+            thrusts, attained = self.allocation.solve(tau)
+            return self._rounding.commands(thrusts, dt_s), attained
         self._rounding.forget()
         drives = self._at(U)
         narrowed = self._narrowed(drives, dt_s) if self._moving or self._rate_limited else None
-        thrusts = self.allocation.solve(tau, narrowed)
+        thrusts, attained = self.allocation.solve(tau, narrowed)
         if self._rate_limited:
             self._before = [d.curve.command(t) for d, t in zip(drives, thrusts, strict=True)]
         commands = [d.command(t) for d, t in zip(drives, thrusts, strict=True)]
-        return Answer(commands, self.allocation.wrench(thrusts))
+        return commands, attained
 
     def _narrowed(self, drives: Sequence[Drive], dt_s: float) -> tuple[list[float], list[float]]:
         """Return thrust limits of this moment: a command's rate is limited where its thrust can be at its next call."""
@@ -98,7 +94,7 @@ class FixedActuators:
 
     def delivered(self, commands: Sequence[float], U: float = 0.0) -> Wrench:
         """Return the wrench that commands give at speed U in m/s, rounding and dead zone included."""
-        return self.allocation.wrench([d.thrust(n) for d, n in zip(self._at(U), commands, strict=True)])
+        return self.allocation.wrench(map(Drive.thrust, self._at(U), commands))
 
     def _at(self, U: float) -> list[Drive]:
         return [drive.at(U) for drive in self._drives] if self._moving else self._drives
@@ -160,7 +156,7 @@ class SteeredPropellers:
         self._n = max(self._n - spin, min(self._n + spin, self._curve.command(thrust)))
         commands = [self._command(a, self._n, self._delta) for a in self._actuators]
         X, Y, N = self._steering.forces(self._curve.thrust(self._n), self._delta, U)
-        return Answer(commands, (X, Y, 0.0, 0.0, 0.0, N))
+        return commands, (X, Y, 0.0, 0.0, 0.0, N)
 
     def _command(self, actuator: Actuator, n: float, delta: float) -> float:
         if isinstance(actuator, Rudder):

@@ -34,7 +34,7 @@ def yaw_limit_at(vessel: Vessel, u_m_s: float) -> float:
     """Return the largest yaw moment in Nm that leaves a vessel the thrust for a speed in m/s."""
     X, N = vessel.model.surge.drag(u_m_s), axis_limits(vessel)[_YAW]
     allocation = vessel_allocation(vessel, priority={_YAW: _LAST})
-    sides = (allocation.solve((X, 0.0, 0.0, 0.0, 0.0, side * N), u_m_s).attained[_YAW] for side in (1.0, -1.0))
+    sides = (allocation.solve((X, 0.0, 0.0, 0.0, 0.0, side * N), u_m_s)[1][_YAW] for side in (1.0, -1.0))
     return min(abs(N) for N in sides)
 
 
@@ -44,7 +44,7 @@ class Abilities:
     def __init__(self, vessel: Vessel) -> None:
         X, _, _, _, _, N = axis_limits(vessel)
         surge = vessel.model.surge
-        backwards = -vessel_allocation(vessel).solve((-X, 0.0, 0.0, 0.0, 0.0, 0.0)).attained[0]
+        backwards = -vessel_allocation(vessel).solve((-X, 0.0, 0.0, 0.0, 0.0, 0.0))[1][0]
         self.vessel = vessel
         self.ahead_m_s = terminal_speed(surge, X) if X else 0.0
         """Speed of full thrust ahead."""

@@ -8,7 +8,6 @@ import numpy as np
 
 from marine.allocation import axis_limits
 from marine.control.base import Vector3
-from marine.frames import to_body, to_tank
 from marine.guidance.abilities import Abilities
 from marine.guidance.turn_away import TurnAway
 from marine.vessel import Vessel
@@ -29,6 +28,9 @@ _STEPS = 4000
 """Of the table of safe speeds, all alike: a look into it then costs a third of a search."""
 ACROSS = 0.1
 """Cosine of the angle to the wall below which a vessel without sway can do nothing about it."""
+
+_Cap = tuple[int, float, float, str]
+"""At one wall: axis of {E}, side on which the wall is, largest force towards it in N, name."""
 
 
 class PoolGuard:
@@ -70,7 +72,11 @@ class PoolGuard:
         way = np.concatenate([[0.0], np.cumsum(0.5 * (1.0 / slope[1:] + 1.0 / slope[:-1]) * np.diff(v))])
         even = np.linspace(0.0, way[-1], _STEPS + 1)
         self._steps_per_m = _STEPS / float(way[-1])
-        self._speeds, self._slopes = np.interp(even, way, v).tolist(), np.interp(even, way, slope).tolist()
+        speeds, slopes = np.interp(even, way, v), np.interp(even, way, slope)
+        steps = (speeds[:-1], slopes[:-1], np.diff(speeds), np.diff(slopes))
+        self._table: list[list[float]] = np.column_stack(steps).tolist()
+        """Safe speed and its slope at each step of the distance, and by how much they grow to the next."""
+        self._furthest = float(speeds[-1]), float(slopes[-1])
 
     def safe(self, distance_m: float) -> tuple[float, float]:
         """Return the largest speed towards a wall in m/s at a distance of the hull, and its slope in 1/s.
@@ -79,12 +85,12 @@ class PoolGuard:
         """
         if distance_m < 0.0:
             return RATE_1_S * distance_m, RATE_1_S
-        v, w, steps = self._speeds, self._slopes, distance_m * self._steps_per_m
+        steps = distance_m * self._steps_per_m
         if steps >= _STEPS:
-            return v[-1], w[-1]
+            return self._furthest
         i = int(steps)
-        share = steps - i
-        return v[i] + share * (v[i + 1] - v[i]), w[i] + share * (w[i + 1] - w[i])
+        speed, slope, faster, steeper = self._table[i]
+        return speed + (steps - i) * faster, slope + (steps - i) * steeper
 
     def kept(
         self, tau: Vector3, eta: Vector3, nu: Vector3, push: Vector3, std_m: tuple[float, float]
@@ -96,32 +102,31 @@ class PoolGuard:
         c, s = math.cos(eta[2]), math.sin(eta[2])
         u, v, r = nu
         velocity = (c * u - s * v, s * u + c * v)
-        drag_u, drag_v = self._surge.drag(u), self._sway.drag(v)
-        caps: list[tuple[float, float, float, str]] = []  # normal in {E}, largest force along it, name
+        surge, sway = self._surge, self._sway
+        drag_u, drag_v = surge.drag(u), sway.drag(v)
+        caps: list[_Cap] = []
         for axis, both in self._walls:
             ahead, aside = (s, c) if axis else (c, -s)  # the axis in {B}
-            alpha = self._surge.alpha * ahead * ahead + self._sway.alpha * aside * aside
+            alpha = surge.alpha * ahead * ahead + sway.alpha * aside * aside
             turned = r * (aside * u - ahead * v)  # (2.33) has no Coriolis force: the velocity turns with the vessel
             along = drag_u * ahead + drag_v * aside - alpha * turned - push[axis]
-            margin = self._margin_m + 2.0 * std_m[axis]
+            place, moving, margin = eta[axis], velocity[axis], self._margin_m + 2.0 * std_m[axis]
             for side, wall, name in both:
-                speed = side * velocity[axis]
-                safe, slope = self.safe(side * (wall - eta[axis]) - margin - REACTION_S * max(0.0, speed))
+                speed, room = side * moving, side * (wall - place) - margin
+                safe, slope = self.safe(room - REACTION_S * speed if speed > 0.0 else room)
                 most = alpha * (CATCH_1_S * (safe - speed) - slope * speed) + side * along
-                caps.append((0.0, side, most, name) if axis else (side, 0.0, most, name))
-        kept, walls = (self._to_all_sides if self._limits[1] else self._ahead_and_astern)(tau, eta[2], caps)
+                caps.append((axis, side, most, name))
+        kept, walls = (self._to_all_sides if self._limits[1] else self._ahead_and_astern)(tau, c, s, caps)
         if self._turn:
             kept, turned = self._turn.kept(kept, eta, nu, self._margin_m + 2.0 * max(std_m))
             if turned:
                 return kept, "before a wall: turning away"
         return kept, f"before the wall at {' and '.join(walls)}" if walls else ""
 
-    def _to_all_sides(
-        self, tau: Vector3, psi: float, caps: list[tuple[float, float, float, str]]
-    ) -> tuple[Vector3, list[str]]:
-        force, brake, walls = list(to_tank(tau[0], tau[1], psi)), [0.0, 0.0], []
-        for n_x, n_y, most, name in caps:
-            axis, side = (0, n_x) if n_x else (1, n_y)
+    def _to_all_sides(self, tau: Vector3, c: float, s: float, caps: list[_Cap]) -> tuple[Vector3, list[str]]:
+        X, Y, N = tau
+        force, brake, walls = [c * X - s * Y, s * X + c * Y], [0.0, 0.0], []
+        for axis, side, most, name in caps:
             if side * force[axis] <= most:
                 continue
             walls.append(name)
@@ -130,8 +135,8 @@ class PoolGuard:
                 force[axis], brake[axis] = 0.0, side * most
         if not walls:
             return tau, walls
-        rest = (*to_body(force[0], force[1], psi), tau[2])
-        first = (*to_body(brake[0], brake[1], psi), 0.0)
+        rest = (c * force[0] + s * force[1], -s * force[0] + c * force[1], N)
+        first = (c * brake[0] + s * brake[1], -s * brake[0] + c * brake[1], 0.0)
         share = self._share(first)
         if share == 0.0:
             return rest, walls
@@ -143,12 +148,10 @@ class PoolGuard:
         """Return which part of the actuators a wrench takes at most: the limits of single axes span their hull."""
         return sum(abs(t) / limit for t, limit in zip(tau, self._limits, strict=True) if limit)
 
-    def _ahead_and_astern(
-        self, tau: Vector3, psi: float, caps: list[tuple[float, float, float, str]]
-    ) -> tuple[Vector3, list[str]]:
+    def _ahead_and_astern(self, tau: Vector3, c: float, s: float, caps: list[_Cap]) -> tuple[Vector3, list[str]]:
         X, walls = tau[0], []
-        for n_x, n_y, most, name in caps:
-            ahead = to_body(n_x, n_y, psi)[0]
+        for axis, side, most, name in caps:
+            ahead = side * (s if axis else c)
             if abs(ahead) < ACROSS or X * ahead <= most:
                 continue
             walls.append(name)

@@ -113,8 +113,8 @@ def run(
         if given is not None:
             world.command(given(t_s))
         elif steer is not None:
-            answer = allocation.solve(steer(t_s, psi), math.hypot(u, v), dt_s)
-            world.command(dict(zip(names, answer.commands, strict=True)))
+            commands, _ = allocation.solve(steer(t_s, psi), math.hypot(u, v), dt_s)
+            world.command(dict(zip(names, commands, strict=True)))
     return track
 
 

@@ -212,8 +212,10 @@ def test_walls_stop_every_model() -> None:
         vessel = replace(load_vessel(name), bias=(0.0,) * 6, tether=None)
         x, y = vessel.pool.length_x_m - 2.0 * vessel.radius_m, 0.5 * vessel.pool.length_y_m
         world = World(vessel, Surroundings(), 1, (x, y, 0.0, 0.0, 0.0, 0.0), 0)
-        answer = vessel_allocation(vessel).solve([vessel_allocation(vessel).axis_limits()[0], 0.0, 0.0, 0.0, 0.0, 0.0])
-        world.command({a.name: n for a, n in zip(vessel.actuators, answer.commands, strict=True)})
+        commands, _ = vessel_allocation(vessel).solve(
+            [vessel_allocation(vessel).axis_limits()[0], 0.0, 0.0, 0.0, 0.0, 0.0]
+        )
+        world.command({a.name: n for a, n in zip(vessel.actuators, commands, strict=True)})
         for k in range(1, 1201):
             world.advance(k * NS // 20)
         assert world.state[0] == pytest.approx(vessel.pool.length_x_m - vessel.radius_m), name
