@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 from marine.allocation import Wrench
 from marine.dynamics.integrate import State
-from marine.dynamics.uncoupled import Tau
 from marine.environment import GaussMarkov, WaveField, Waves, Wind, tether_wrench, wind_wrench
 from marine.frames import to_body, to_tank, wrap_angle
 from marine.vessel import AsvModel, Vessel
@@ -90,12 +89,6 @@ class World:
         """The wind at the vessel in {E}."""
         x, y = self._gusts.value
         return self._wind.x_m_s + x, self._wind.y_m_s + y
-
-    @property
-    def tau(self) -> Tau:
-        """What the actuators give on surge, sway and yaw: N, N, Nm."""
-        X, Y, _, _, _, N = self.actuators.wrench
-        return X, Y, N
 
     def command(self, commands: Mapping[str, float]) -> None:
         """Set the commands that the actuators run, from now on."""
