@@ -180,6 +180,8 @@ class _LoopPort:
 
     def read(self) -> bytes:
         self._check()
+        if not self._incoming:
+            return b""
         data = bytes(self._incoming)
         self._incoming.clear()
         return data
@@ -187,7 +189,9 @@ class _LoopPort:
     def write(self, data: bytes) -> None:
         self._check()
         if self._peer is not None:
-            self._peer._incoming += data[: max(0, _CHUNK - len(self._peer._incoming))]
+            incoming = self._peer._incoming
+            if (room := _CHUNK - len(incoming)) > 0:
+                incoming += data[:room]
 
     def fileno(self) -> int | None:
         return None
@@ -202,7 +206,8 @@ class _LoopPort:
 
 class _NearLoop(_LoopPort):
     def _check(self) -> None:
-        super()._check()
+        if self.closed:
+            raise DriverError(f"loop://{self._name}: closed")
         if self._peer is None or self._peer.closed:
             raise DriverError(f"loop://{self._name}: hung up")
 

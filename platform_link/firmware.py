@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from platform_link.protocol import Command, Decoder, Telemetry, encode
+from platform_link.protocol import Command, Decoder, encode_telemetry
 
 TELEMETRY_PERIOD_S = 0.05
 
@@ -41,7 +41,11 @@ class Firmware:
 
     def feed(self, data: bytes, now_s: float) -> bytes:
         """Take in received bytes; return the bytes to send: one telemetry frame for each valid command."""
-        return b"".join([self._obey(m, now_s) for m in self._decoder.feed(data) if isinstance(m, Command)])
+        answers = b""
+        for message in self._decoder.feed(data):
+            if isinstance(message, Command):
+                answers += self._obey(message, now_s)
+        return answers
 
     def commands(self, now_s: float) -> dict[str, float]:
         """Return the command that each actuator runs, in its own unit. Not to be changed."""
@@ -58,28 +62,18 @@ class Firmware:
         return self._commanded_s is None or now_s - self._commanded_s > self.dead_man_s
 
     def _obey(self, command: Command, now_s: float) -> bytes:
-        if len(command.commands) != len(self.actuators):
+        _, time_us, commands = command
+        if len(commands) != len(self.actuators):
             self.refused += 1
             return b""
-        self._commands, self._commanded_s, self._echo_us = command.commands, now_s, command.time_us
-        self._by_name = dict(zip(self.actuators, self._commands, strict=True))
+        self._commands, self._commanded_s, self._echo_us = commands, now_s, time_us
+        self._by_name = dict(zip(self.actuators, commands, strict=True))
         return self._telemetry(now_s, answer=True)
-
-    def _in_force(self, now_s: float) -> tuple[float, ...]:
-        return self._zeros if self.dead_man(now_s) else self._commands
 
     def _telemetry(self, now_s: float, *, answer: bool) -> bytes:
         self._told_s = now_s
         self._seq += 1
-        return encode(
-            Telemetry(
-                seq=self._seq & 0xFFFF,
-                echo_us=self._echo_us,
-                answer=answer,
-                dead_man=self.dead_man(now_s),
-                commands=self._in_force(now_s),
-                battery_v=self.battery_v,
-                crc_errors=self.crc_errors,
-                refused=self.refused,
-            )
-        )
+        dead = self.dead_man(now_s)
+        commands = self._zeros if dead else self._commands
+        errors, refused = self._decoder.crc_errors, self.refused
+        return encode_telemetry(self._seq, self._echo_us, answer, dead, commands, self.battery_v, errors, refused)

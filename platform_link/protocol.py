@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import struct
 import zlib
-from functools import cache
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from marine.vessel import COMMAND_DIGITS
 
 VERSION = 1
 MAX_CHANNELS = 64
-COMMANDS_PER_UNIT = 10**COMMAND_DIGITS
+COMMANDS_PER_UNIT = 10.0**COMMAND_DIGITS
 """Commands travel as int16 in hundredths of the actuator's unit: +-327.67 in steps of 0.01."""
 
 _COMMAND, _TELEMETRY = 1, 2
@@ -29,8 +29,15 @@ _INTACT = 0x2144DF1C  # CRC-32 of anything with its own CRC-32 behind it
 _DEAD_MAN, _ANSWER = 1, 2
 _NO_BATTERY = 0xFFFF
 _MOST = 32767
+_HIGHEST = _MOST / COMMANDS_PER_UNIT
+_LOWEST = -_HIGHEST
 _MAX_ENCODED = 254  # longest chunk for which COBS needs no code 0xFF
 _CODES = [bytes([length + 1]) for length in range(_MAX_ENCODED)]
+_BODIES = {
+    kind: [struct.Struct(f"{_HEADER}{count}h{state}") for count in range(MAX_CHANNELS + 1)]
+    for kind, state in ((_COMMAND, ""), (_TELEMETRY, _STATE))
+}
+"""The layout of each type's body, by the number of channels."""
 
 
 class Command(NamedTuple):
@@ -65,27 +72,50 @@ def encode(message: Command | Telemetry) -> bytes:
 
     Raises ValueError when there are more than `MAX_CHANNELS` commands.
     """
-    count, seq = len(message.commands), message.seq & 0xFFFF
-    if count > MAX_CHANNELS:
-        raise ValueError(f"{count} channels; the protocol carries {MAX_CHANNELS}")
-    channels = [round(c * COMMANDS_PER_UNIT) for c in message.commands]
-    if count and not -_MOST <= min(channels) <= max(channels) <= _MOST:
-        channels = [min(max(c, -_MOST), _MOST) for c in channels]
-    if isinstance(message, Command):
-        time_us = message.time_us & 0xFFFFFFFF
-        body = _layout(_COMMAND, count).pack(VERSION, _COMMAND, seq, time_us, count, *channels)
-    else:
-        flags = message.dead_man * _DEAD_MAN | message.answer * _ANSWER
-        battery = _NO_BATTERY if message.battery_v is None else min(max(round(1e3 * message.battery_v), 0), 0xFFFE)
-        state = flags, battery, message.crc_errors & 0xFFFF, message.refused & 0xFFFF
-        echo_us = message.echo_us & 0xFFFFFFFF
-        body = _layout(_TELEMETRY, count).pack(VERSION, _TELEMETRY, seq, echo_us, count, *channels, *state)
+    return encode_command(*message) if isinstance(message, Command) else encode_telemetry(*message)
+
+
+def encode_command(seq: int, time_us: int, commands: Sequence[float]) -> bytes:
+    """Return a `Command` of these fields as bytes for the wire."""
+    channels = _channels(commands)
+    count = len(channels)
+    body = _BODIES[_COMMAND][count].pack(VERSION, _COMMAND, seq & 0xFFFF, time_us & 0xFFFFFFFF, count, *channels)
+    return _frame(body)
+
+
+def encode_telemetry(
+    seq: int,
+    echo_us: int,
+    answer: bool,
+    dead_man: bool,
+    commands: Sequence[float],
+    battery_v: float | None,
+    crc_errors: int,
+    refused: int,
+) -> bytes:
+    """Return a `Telemetry` of these fields as bytes for the wire."""
+    channels = _channels(commands)
+    count = len(channels)
+    flags = dead_man * _DEAD_MAN | answer * _ANSWER
+    battery = _NO_BATTERY if battery_v is None else min(max(round(1e3 * battery_v), 0), 0xFFFE)
+    state = flags, battery, crc_errors & 0xFFFF, refused & 0xFFFF
+    layout = _BODIES[_TELEMETRY][count]
+    body = layout.pack(VERSION, _TELEMETRY, seq & 0xFFFF, echo_us & 0xFFFFFFFF, count, *channels, *state)
+    return _frame(body)
+
+
+def _channels(commands: Sequence[float]) -> list[int]:
+    if len(commands) > MAX_CHANNELS:
+        raise ValueError(f"{len(commands)} channels; the protocol carries {MAX_CHANNELS}")
+    return [round(c * COMMANDS_PER_UNIT) if _LOWEST < c < _HIGHEST else _clamped(c) for c in commands]
+
+
+def _clamped(command: float) -> int:
+    return min(max(round(command * COMMANDS_PER_UNIT), -_MOST), _MOST)
+
+
+def _frame(body: bytes) -> bytes:
     return b"\0" + _cobs(body + _CRC.pack(zlib.crc32(body))) + b"\0"
-
-
-@cache
-def _layout(kind: int, count: int) -> struct.Struct:
-    return struct.Struct(f"{_HEADER}{count}h{_STATE if kind == _TELEMETRY else ''}")
 
 
 class Decoder:
@@ -117,25 +147,29 @@ class Decoder:
             self.crc_errors += 1
             self.discarded_bytes += len(chunk)
             return None
-        message = _parse(content[: -_CRC.size])
-        self.unknown += message is None
+        message = _parse(content)
+        if message is None:
+            self.unknown += 1
         return message
 
 
-def _parse(body: bytes) -> Command | Telemetry | None:
-    version, kind, count = body[0], body[1], body[_COUNT]
-    layout = _layout(kind, count)
-    if version != VERSION or kind not in (_COMMAND, _TELEMETRY) or len(body) != layout.size:
+def _parse(content: bytearray) -> Command | Telemetry | None:
+    """Return the message of a body with its CRC behind it; None for another version or type."""
+    version, kind, count = content[0], content[1], content[_COUNT]
+    if version != VERSION or kind not in _BODIES or count > MAX_CHANNELS:
         return None
-    _, _, seq, time_us, *values = layout.unpack(body)
-    commands = tuple([c / COMMANDS_PER_UNIT for c in values[1 : 1 + count]])
+    layout = _BODIES[kind][count]
+    if len(content) != layout.size + _CRC.size:
+        return None
+    values = layout.unpack_from(content)
+    end = 5 + count
+    commands = tuple([c / COMMANDS_PER_UNIT for c in values[5:end]])
     if kind == _COMMAND:
-        return Command(seq, time_us, commands)
-    flags, battery, crc_errors, refused = values[1 + count :]
+        return Command(values[2], values[3], commands)
+    flags, battery, crc_errors, refused = values[end:]
     battery_v = None if battery == _NO_BATTERY else battery * 1e-3
-    return Telemetry(
-        seq, time_us, bool(flags & _ANSWER), bool(flags & _DEAD_MAN), commands, battery_v, crc_errors, refused
-    )
+    answer, dead_man = bool(flags & _ANSWER), bool(flags & _DEAD_MAN)
+    return Telemetry(values[2], values[3], answer, dead_man, commands, battery_v, crc_errors, refused)
 
 
 def _cobs(content: bytes) -> bytes:
@@ -143,13 +177,13 @@ def _cobs(content: bytes) -> bytes:
     return b"".join([_CODES[len(stretch)] + stretch for stretch in content.split(b"\0")])
 
 
-def _uncobs(chunk: bytes) -> bytes:
+def _uncobs(chunk: bytes) -> bytearray:
     """Return the content of a chunk, empty when its code bytes do not add up."""
-    if len(chunk) > _MAX_ENCODED:
-        return b""
-    content, code, end = bytearray(chunk), 0, len(chunk)
+    code, end = 0, len(chunk)
+    if end > _MAX_ENCODED:
+        return bytearray()
+    content = bytearray(chunk)
     while code < end:
-        length = content[code]
         content[code] = 0
-        code += length
-    return bytes(content[1:]) if code == end else b""
+        code += chunk[code]
+    return content[1:] if code == end else bytearray()

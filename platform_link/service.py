@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Sequence
-from operator import le
 
 from bus import topics
 from bus.config import Deployment, Section
@@ -13,7 +12,7 @@ from bus.messages import LinkStatus, LinkTelemetry
 from bus.service import Input, Output, Service
 from marine.vessel import Vessel
 from platform_link.drivers import Driver, DriverError, open_driver
-from platform_link.protocol import MAX_CHANNELS, Command, Decoder, Telemetry, encode
+from platform_link.protocol import MAX_CHANNELS, Decoder, Telemetry, encode_command
 
 RETRY_S = 0.5
 SILENCE_S = 1.0
@@ -52,7 +51,6 @@ class PlatformLink(Service):
     def __init__(self, config: PlatformLinkConfig, vessel: Vessel, deployment: Deployment) -> None:
         self._uri = f"pty://{deployment.run_dir.absolute() / 'platform'}" if config.uri == "pty://" else config.uri
         self._limits = {a.name: (a.lowest, a.n_max) for a in vessel.actuators}
-        self._lowest, self._highest = [a.lowest for a in vessel.actuators], [a.n_max for a in vessel.actuators]
         if len(self._limits) > MAX_CHANNELS:
             raise ValueError(f"{vessel.name}: {len(self._limits)} actuators; the link carries {MAX_CHANNELS}")
         self._zeros = (0.0,) * len(self._limits)
@@ -104,21 +102,25 @@ class PlatformLink(Service):
         self._disconnect(self._error or "stopped", now_s)
         self._report(now_s)
 
-    def _wanted(self, now_s: float) -> tuple[float, ...]:
+    def _wanted(self, now_s: float) -> Sequence[float]:
         """Return one command per channel: zeros unless a fresh command fits the vessel."""
         command = self.command.fresh(now_s)
         self._command_age_s = None
         if command is None or now_s - self._opened_s < ZEROS_AT_OPEN_S:
             return self._zeros
         self._command_age_s = now_s - command.stamp_ns * 1e-9
-        if command.commands.keys() != self._limits.keys():
-            self._reject(f"refused: it is for {', '.join(command.commands)}; the vessel has {', '.join(self._limits)}")
+        commands, limits = command.commands, self._limits
+        if commands.keys() != limits.keys():
+            self._reject(f"refused: it is for {', '.join(commands)}; the vessel has {', '.join(limits)}")
             return self._zeros
-        asked = tuple([command.commands[name] for name in self._limits])
-        if all(map(le, self._lowest, asked)) and all(map(le, asked, self._highest)):
-            return asked
-        self._reject(f"clamped to the vessel's limits: {command.commands}")
-        return tuple(map(min, map(max, asked, self._lowest), self._highest))
+        wanted = []
+        for name, (lowest, highest) in limits.items():
+            value = commands[name]
+            if not lowest <= value <= highest:
+                self._reject(f"clamped to the vessel's limits: {commands}")
+                return [min(max(commands[n], low), high) for n, (low, high) in limits.items()]
+            wanted.append(value)
+        return wanted
 
     def _reject(self, reason: str) -> None:
         if not self.command.updated:  # the same command, sent again
@@ -127,30 +129,28 @@ class PlatformLink(Service):
         if self._rejected == 1:
             self.log.warning("command %s (further ones are counted in link/status)", reason)
 
-    def _send(self, driver: Driver, commands: tuple[float, ...], now_s: float) -> None:
+    def _send(self, driver: Driver, commands: Sequence[float], now_s: float) -> None:
         self._sent += 1
         self._sent_s = now_s
-        driver.write(encode(Command(self._sent, int(now_s * 1e6), commands)))
+        driver.write(encode_command(self._sent, int(now_s * 1e6), commands))
 
     def _receive(self, driver: Driver, now_s: float) -> None:
         for message in self._decoder.feed(driver.read()):
-            if not isinstance(message, Telemetry) or len(message.commands) != len(self._limits):
-                continue
-            if self._last is not None:
-                gap = (message.seq - self._last.seq - 1) & 0xFFFF
-                self._lost += gap if gap < _RESTART_GAP else 0
-            if message.answer:
-                self._round_trip_s = ((int(now_s * 1e6) - message.echo_us) & 0xFFFFFFFF) / 1e6
-            self._last = message
-            self._received += 1
-            self._received_s = now_s
-            self.telemetry.publish(
-                LinkTelemetry(
-                    commands=dict(zip(self._limits, message.commands, strict=True)),
-                    dead_man=message.dead_man,
-                    battery_v=message.battery_v,
-                )
-            )
+            if isinstance(message, Telemetry) and len(message.commands) == len(self._limits):
+                self._take(message, now_s)
+
+    def _take(self, message: Telemetry, now_s: float) -> None:
+        seq, echo_us, answer, dead_man, commands, battery_v, _, _ = message
+        if self._last is not None:
+            gap = (seq - self._last.seq - 1) & 0xFFFF
+            self._lost += gap if gap < _RESTART_GAP else 0
+        if answer:
+            self._round_trip_s = ((int(now_s * 1e6) - echo_us) & 0xFFFFFFFF) / 1e6
+        self._last = message
+        self._received += 1
+        self._received_s = now_s
+        by_name = dict(zip(self._limits, commands, strict=True))
+        self.telemetry.publish(LinkTelemetry(commands=by_name, dead_man=dead_man, battery_v=battery_v))
 
     def _disconnect(self, error: str, now_s: float) -> None:
         if self._driver is not None:

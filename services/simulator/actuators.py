@@ -43,9 +43,12 @@ class Actuators:
         self.n_squared = 0.0
         """Mean square of the thrusters' commands as they turn: the setting n^2 of thesis (2.38), for models of that."""
         self._targets = dict(self.values)
-        self._actuators = vessel.actuators
-        self._columns = [tuple(column) for column in allocation_matrix(vessel.actuators).T.tolist()]
-        self._drives = {a.name: Drive(a) for a in vessel.actuators if not isinstance(a, Rudder)}
+        columns = [tuple(column) for column in allocation_matrix(vessel.actuators).T.tolist()]
+        self._parts = [
+            (a.name, a if isinstance(a, Rudder) else Drive(a), column)
+            for a, column in zip(vessel.actuators, columns, strict=True)
+        ]
+        self._level = not any(z or k or m for _, _, z, k, m, _ in columns)
         self._limits = {a.name: (a.lowest, a.n_max) for a in vessel.actuators}
         feel_setting = isinstance(vessel.dynamics, SmallVesselModel)
         self._thrusters = [a.name for a in vessel.actuators if feel_setting and isinstance(a, Thruster)]
@@ -97,7 +100,10 @@ class Actuators:
         self._push()
 
     def _aim(self, commands: Mapping[str, float]) -> None:
-        targets = {n: max(low, min(high, commands.get(n, 0.0))) for n, (low, high) in self._limits.items()}
+        targets = {}
+        for name, (lowest, highest) in self._limits.items():
+            value = commands.get(name, 0.0)
+            targets[name] = lowest if value <= lowest else highest if value >= highest else value
         if targets == self._targets:
             return
         self._targets = targets
@@ -127,21 +133,20 @@ class Actuators:
 
     def _push(self) -> None:
         X = Y = Z = K = M = N = 0.0
-        for actuator, column in zip(self._actuators, self._columns, strict=True):
-            name = actuator.name
-            value, kept = self._acts(name) if self.failures else (self.values[name], 1.0)
-            if isinstance(actuator, Rudder):
-                wash, drive = self._acts(actuator.behind)
-                wash = max(0.0, wash) * math.sqrt(drive)  # thrust goes with its square
-                delta = value
-                force = linear_force(delta, wash, self._U, actuator.k_r1, actuator.k_r2)
-                x, y, z, k, m, n = rudder_column(actuator, delta)
+        values, failed, level = self.values, bool(self.failures), self._level
+        for name, drive, (x, y, z, k, m, n) in self._parts:
+            value, kept = self._acts(name) if failed else (values[name], 1.0)
+            if isinstance(drive, Rudder):
+                wash, kept_behind = self._acts(drive.behind)
+                wash = max(0.0, wash) * math.sqrt(kept_behind)  # thrust goes with its square
+                force = linear_force(value, wash, self._U, drive.k_r1, drive.k_r2)
+                x, y, z, k, m, n = rudder_column(drive, value)
             else:
-                force = self._drives[name].at(self._U).thrust(value)
-                x, y, z, k, m, n = column
+                force = (drive.at(self._U) if self.feel_flow else drive).thrust(value)
             force *= kept
-            X, Y, Z = X + x * force, Y + y * force, Z + z * force
-            K, M, N = K + k * force, M + m * force, N + n * force
+            X, Y, N = X + x * force, Y + y * force, N + n * force
+            if not level:
+                Z, K, M = Z + z * force, K + k * force, M + m * force
         self.wrench = (X, Y, Z, K, M, N)
         if self._thrusters:
             acting = [self._acts(name) for name in self._thrusters]

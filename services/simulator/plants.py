@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -22,20 +22,17 @@ AT_THE_SURFACE: State = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 """[z phi theta] (m, rad; {E}) and [w p q] (m/s, rad/s; {B}): what the horizontal state leaves out."""
 
 
-class Push(NamedTuple):
-    """What acts during a step: tau [X Y Z K M N] in {B} in N and Nm; water: its velocity in {E}, m/s."""
-
-    tau: Wrench
-    water_m_s: Pair
-    n_squared: float = 0.0
-    """Mean squared command of the thrusters, for thesis (2.38)."""
-
-
 class Plant(Protocol):
     """A model as the world runs it."""
 
-    def step(self, level: State, upright: State, dt_s: float, push: Push) -> tuple[State, State]:
-        """Return [x y psi u v r] and [z phi theta w p q] dt_s later, by one Runge-Kutta step; angles not wrapped."""
+    def step(
+        self, level: State, upright: State, dt_s: float, tau: Wrench, water_m_s: Pair, n_squared: float
+    ) -> tuple[State, State]:
+        """Return [x y psi u v r] and [z phi theta w p q] dt_s later, by one Runge-Kutta step; angles not wrapped.
+
+        What acts meanwhile: tau [X Y Z K M N] in {B} in N and Nm; the water's velocity in {E}; n_squared, the mean
+        squared command of the thrusters, for thesis (2.38).
+        """
         ...
 
 
@@ -44,9 +41,11 @@ class _Uncoupled:
         self._model = UncoupledModel(model)
         self._dives = model.heave is not None
 
-    def step(self, level: State, upright: State, dt_s: float, push: Push) -> tuple[State, State]:
-        X, Y, Z, _, _, N = push.tau
-        level = self._model.step(level, dt_s, (X, Y, N), push.water_m_s)
+    def step(
+        self, level: State, upright: State, dt_s: float, tau: Wrench, water_m_s: Pair, n_squared: float
+    ) -> tuple[State, State]:
+        X, Y, Z, _, _, N = tau
+        level = self._model.step(level, dt_s, (X, Y, N), water_m_s)
         return level, self._heave(upright, dt_s, Z) if self._dives else upright
 
     def _heave(self, upright: State, dt_s: float, Z: float) -> State:
@@ -65,21 +64,25 @@ class _Coupled:
     def __init__(self, model: CoupledModel) -> None:
         self._model = CoupledDynamics(model)
 
-    def step(self, level: State, upright: State, dt_s: float, push: Push) -> tuple[State, State]:
-        X, Y, _, _, _, N = push.tau
-        return self._model.step(level, dt_s, (X, Y, N), push.water_m_s), upright
+    def step(
+        self, level: State, upright: State, dt_s: float, tau: Wrench, water_m_s: Pair, n_squared: float
+    ) -> tuple[State, State]:
+        X, Y, _, _, _, N = tau
+        return self._model.step(level, dt_s, (X, Y, N), water_m_s), upright
 
 
 class _SixDof:
     def __init__(self, model: SixDofModel) -> None:
         self._model = SixDofDynamics(model)
 
-    def step(self, level: State, upright: State, dt_s: float, push: Push) -> tuple[State, State]:
+    def step(
+        self, level: State, upright: State, dt_s: float, tau: Wrench, water_m_s: Pair, n_squared: float
+    ) -> tuple[State, State]:
         x, y, psi, u, v, r = level
         z, phi, theta, w, p, q = upright
         state = np.array([x, y, z, phi, theta, psi, u, v, w, p, q, r])
-        current = np.array([*push.water_m_s, 0.0])
-        after = self._model.step(state, dt_s, np.array(push.tau), current)
+        current = np.array([*water_m_s, 0.0])
+        after = self._model.step(state, dt_s, np.array(tau), current)
         x, y, z, phi, theta, psi, u, v, w, p, q, r = after.tolist()
         return (x, y, psi, u, v, r), (z, phi, theta, w, p, q)
 
@@ -88,9 +91,11 @@ class _Small:
     def __init__(self, model: SmallVesselModel) -> None:
         self._model = SmallVesselDynamics(model)
 
-    def step(self, level: State, upright: State, dt_s: float, push: Push) -> tuple[State, State]:
-        X, Y, _, _, _, N = push.tau
-        return self._model.step(level, dt_s, (X, Y, N), push.n_squared, push.water_m_s), upright
+    def step(
+        self, level: State, upright: State, dt_s: float, tau: Wrench, water_m_s: Pair, n_squared: float
+    ) -> tuple[State, State]:
+        X, Y, _, _, _, N = tau
+        return self._model.step(level, dt_s, (X, Y, N), n_squared, water_m_s), upright
 
 
 class _Asv:
@@ -99,11 +104,13 @@ class _Asv:
     def __init__(self, model: AsvModel) -> None:
         self._model = AsvDynamics(model)
 
-    def step(self, level: State, upright: State, dt_s: float, push: Push) -> tuple[State, State]:
+    def step(
+        self, level: State, upright: State, dt_s: float, tau: Wrench, water_m_s: Pair, n_squared: float
+    ) -> tuple[State, State]:
         x, y, psi, u, _, r = level
-        c_x, c_y = push.water_m_s
+        c_x, c_y = water_m_s
         ahead = max(0.0, u - math.cos(psi) * c_x - math.sin(psi) * c_y)
-        x, y, psi, U, r = self._model.step((x, y, psi, ahead, r), dt_s, push.tau[0], push.tau[5])
+        x, y, psi, U, r = self._model.step((x, y, psi, ahead, r), dt_s, tau[0], tau[5])
         x, y = x + dt_s * c_x, y + dt_s * c_y
         c, s = math.cos(psi), math.sin(psi)
         return (x, y, psi, U + c * c_x + s * c_y, c * c_y - s * c_x, r), upright

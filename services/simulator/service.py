@@ -107,6 +107,7 @@ class Simulator(Service):
         self._early_ns = round(NS / self.rate_hz / 2)
         self._next_frame_ns = 0
         self._prepared = False
+        self._keeps_state = config.state_file
         self._save_s = 0.0
         self._save_error = ""
         self._world: World
@@ -155,14 +156,16 @@ class Simulator(Service):
         for order in self.fault.take():
             self._obey(order)
         self._talk(now_s)
-        self._world.command(self._firmware.commands(now_s))
+        commands = self._firmware.commands(now_s)
+        self._world.command(commands)
         if now_ns + self._early_ns >= self._next_frame_ns:
             self._next_frame_ns = max(self._next_frame_ns + self._frame_ns, now_ns + self._early_ns)
             self._look(now_ns, now_s)
+            self._tell(commands)
         elif self._renderer is not None and self._frames is not None and not self._prepared:
             self._prepared = True  # the next picture, while nobody waits for it
             self._renderer.prepare(self._camera.shift_px, self._frames.blank())
-        if self._config.state_file and now_s - self._save_s >= SAVE_PERIOD_S:
+        if self._keeps_state and now_s - self._save_s >= SAVE_PERIOD_S:
             self._save_s = now_s
             self._save(now_ns)
 
@@ -172,7 +175,7 @@ class Simulator(Service):
         for frames in (self._frames, self._forward):
             if frames is not None:
                 frames.close()
-        if self._config.state_file:
+        if self._keeps_state:
             self._state_path.unlink(missing_ok=True)
 
     def _save(self, now_ns: int) -> None:
@@ -194,7 +197,7 @@ class Simulator(Service):
             self._port.write(answer)
 
     def _look(self, now_ns: int, now_s: float) -> None:
-        x, y, psi, u, v, r = self._world.state
+        x, y, psi, _, _, _ = self._world.state
         if self._forward is not None:
             self._forward.look(now_ns, x, y, psi, lost=self._camera.laser_lost)
         if self._renderer is not None and self._frames is not None:
@@ -207,8 +210,12 @@ class Simulator(Service):
                 )
                 self._frames.write(image, now_ns)
                 self._prepared = False
-        current_x, current_y = self._world.current_m_s
-        X, Y, N = self._world.tau
+
+    def _tell(self, commands: dict[str, float]) -> None:
+        world = self._world
+        x, y, psi, u, v, r = world.state
+        current_x, current_y = world.current_m_s
+        X, Y, _, _, _, N = world.actuators.wrench
         self.truth.publish(
             SimulationTruth(
                 x_m=x,
@@ -222,7 +229,7 @@ class Simulator(Service):
                 surge_n=X,
                 sway_n=Y,
                 yaw_nm=N,
-                commands=self._firmware.commands(now_s),
+                commands=commands,
                 **self._upright(),
             )
         )

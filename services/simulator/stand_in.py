@@ -44,7 +44,9 @@ class PoseStandIn(Service):
         self._camera = vessel.camera
         self._random = random.Random(config.seed)
         self._faults = CameraFaults()
-        self._under_way: deque[CameraPose] = deque()
+        self._latency_ns = round(config.latency_s * NS)
+        self._under_way: deque[tuple[int, CameraPose]] = deque()
+        """Poses, each with the time when it is to be published."""
         self._frames = 0
         self._poses = 0
         self._told_s = 0.0
@@ -57,22 +59,23 @@ class PoseStandIn(Service):
             self._frames += 1
             lost = self._random.random() < self._faults.dropout
             if not (lost or self._faults.black or self._faults.board):
-                self._under_way.append(self._seen(truth))
-        latency_ns = round(self._config.latency_s * NS)
-        while self._under_way and self._under_way[0].stamp_ns + latency_ns <= round(now_s * NS):
-            self.pose.publish(self._under_way.popleft())
+                stamp_ns = truth.stamp_ns
+                self._under_way.append((stamp_ns + self._latency_ns, self._seen(truth, stamp_ns)))
+        now_ns = round(now_s * NS)
+        while self._under_way and self._under_way[0][0] <= now_ns:
+            self.pose.publish(self._under_way.popleft()[1])
             self._poses += 1
         if now_s - self._told_s >= STATUS_PERIOD_S:
             self._told_s = now_s
             self._tell()
 
-    def _seen(self, truth: SimulationTruth) -> CameraPose:
+    def _seen(self, truth: SimulationTruth, stamp_ns: int) -> CameraPose:
         scale, noise, gauss = self._camera.scale_px_per_m, self._config.position_noise_px, self._random.gauss
         x_px = truth.x_m * scale - 0.5 + self._faults.shift_px[0] + gauss(0.0, noise)
         y_px = truth.y_m * scale - 0.5 + self._faults.shift_px[1] + gauss(0.0, noise)
         return CameraPose(
-            stamp_ns=truth.stamp_ns,
-            origin_ns=truth.stamp_ns,
+            stamp_ns=stamp_ns,
+            origin_ns=stamp_ns,
             frame=self._frames,
             x_px=x_px,
             y_px=y_px,

@@ -7,12 +7,11 @@ from dataclasses import dataclass, field
 
 from marine.allocation import Wrench
 from marine.dynamics.integrate import State
-from marine.dynamics.uncoupled import Tau
 from marine.environment import GaussMarkov, WaveField, Waves, Wind, tether_wrench, wind_wrench
 from marine.frames import to_body, to_tank, wrap_angle
 from marine.vessel import AsvModel, Vessel
 from services.simulator.actuators import Actuators, relative_speed
-from services.simulator.plants import AT_THE_SURFACE, Push, plant_of
+from services.simulator.plants import AT_THE_SURFACE, plant_of
 
 LONGEST_STEP_NS = 20_000_000
 """The quickest motion takes seconds: one Runge-Kutta step of 20 ms errs by less than 1 nm."""
@@ -58,6 +57,8 @@ class World:
         self._vessel = vessel
         self._plant = plant_of(vessel.dynamics)
         self._masses = _masses(vessel)
+        radius, pool = vessel.radius_m, vessel.pool
+        self._walls = (radius, pool.length_x_m - radius, radius, pool.length_y_m - radius)
         self._wind, self._depth_m = wind, around.depth_m
         self._waves = WaveField(around.waves, vessel.radius_m, seed + 3) if around.waves else None
         self._drift = GaussMarkov(current.std_m_s, current.correlation_s, _GUST_NS * 1e-9, seed)
@@ -89,12 +90,6 @@ class World:
         x, y = self._gusts.value
         return self._wind.x_m_s + x, self._wind.y_m_s + y
 
-    @property
-    def tau(self) -> Tau:
-        """What the actuators give on surge, sway and yaw: N, N, Nm."""
-        X, Y, _, _, _, N = self.actuators.wrench
-        return X, Y, N
-
     def command(self, commands: Mapping[str, float]) -> None:
         """Set the commands that the actuators run, from now on."""
         if commands != self._commands:
@@ -107,7 +102,9 @@ class World:
             self._now_ns = self._gust_ns = now_ns
             self.actuators.hurry()
         while self._now_ns < now_ns:
-            step_ns = min(now_ns - self._now_ns, LONGEST_STEP_NS)
+            step_ns = now_ns - self._now_ns
+            if step_ns > LONGEST_STEP_NS:
+                step_ns = LONGEST_STEP_NS
             arrival_ns = self.actuators.next_ns()
             if arrival_ns is not None and arrival_ns > self._now_ns:
                 step_ns = min(step_ns, arrival_ns - self._now_ns)
@@ -129,11 +126,12 @@ class World:
         if self._waves is not None:
             orbit, moved = self._waves.water(x, y, (self._now_ns + 0.5 * step_ns) * 1e-9, max(0.0, self.upright[0]))
             water = (water[0] + orbit[0], water[1] + orbit[1])
-        U = relative_speed(u, v, psi, water) if self.actuators.feel_flow else 0.0
-        self.actuators.advance(self._now_ns, dt_s, U)
-        tau = self.actuators.wrench if self._quiet else self._pushed(self.actuators.wrench, moved)
-        push = Push(tau, water, self.actuators.n_squared)
-        (x, y, psi, u, v, r), upright = self._plant.step(self.state, self.upright, dt_s, push)
+        actuators = self.actuators
+        U = relative_speed(u, v, psi, water) if actuators.feel_flow else 0.0
+        actuators.advance(self._now_ns, dt_s, U)
+        tau = actuators.wrench if self._quiet else self._pushed(actuators.wrench, moved)
+        level, upright = self._plant.step(self.state, self.upright, dt_s, tau, water, actuators.n_squared)
+        x, y, psi, u, v, r = level
         self.state = self._within_walls((x, y, wrap_angle(psi), u, v, r))
         if upright is not self.upright:
             self.upright = self._within_water(upright)
@@ -159,11 +157,11 @@ class World:
     def _within_walls(self, state: State) -> State:
         """Stop the part of the velocity that goes into a wall: an inelastic, frictionless contact of a round hull."""
         x, y, psi, u, v, r = state
-        radius, pool = self._vessel.radius_m, self._vessel.pool
-        inside_x = min(max(x, radius), pool.length_x_m - radius)
-        inside_y = min(max(y, radius), pool.length_y_m - radius)
-        if inside_x == x and inside_y == y:
+        least_x, most_x, least_y, most_y = self._walls
+        if least_x <= x <= most_x and least_y <= y <= most_y:
             return state
+        inside_x = min(max(x, least_x), most_x)
+        inside_y = min(max(y, least_y), most_y)
         x_rate, y_rate = to_tank(u, v, psi)
         if (inside_x - x) * x_rate < 0.0:
             x_rate = 0.0
