@@ -331,12 +331,11 @@ class Service:
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        cls.ports = {
-            name: port
-            for base in reversed(cls.__mro__)
-            for name, port in vars(base).items()
-            if isinstance(port, Input | Output | RawInput)
-        }
+        own = {name: port for name, port in vars(cls).items() if isinstance(port, Input | Output | RawInput)}
+        inherited = [vars(base).get("ports", {}) for base in reversed(cls.__mro__[1:])]
+        cls.ports = {name: port for ports in [*inherited, own] for name, port in ports.items()}
+        for name in own:  # an object's attribute that its class has, too, is looked up the long way
+            delattr(cls, name)
 
     def __new__(cls, *_args: Any, **_kwargs: Any) -> Any:
         """Give each object ports of its own."""
