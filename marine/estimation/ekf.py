@@ -47,8 +47,6 @@ class EkfTuning:
 
 
 _IDENTITY = np.eye(9)
-_SYMMETRIC_AFTER = 8
-"""So often the covariance is made symmetric: an update costs a third more with it, and rounding errors grow slowly."""
 
 
 class Verdict(Enum):
@@ -85,7 +83,6 @@ class PoseEkf:
         """... the inverse of its covariance, ..."""
         self.gain: Array = np.zeros((9, 3))
         """... and what it was multiplied by."""
-        self._updates = 0
         self._suspect: tuple[float, float, float] | None = None
         self._suspects = 0
         self._suspect_age_s = 0.0
@@ -156,8 +153,7 @@ class PoseEkf:
         self.state = (x + dx, y + dy, wrap_angle(psi + dpsi), u + du, v + dv, r + dr)
         self.disturbance = (d_x + dd_x, d_y + dd_y, d_n + dd_n)
         P = P - K.dot(PH.T)
-        self._updates += 1
-        self.covariance = P if self._updates % _SYMMETRIC_AFTER else 0.5 * (P + P.T)
+        self.covariance = 0.5 * (P + P.T)
         return Verdict.USED
 
     def _suspected(self, x_m: float, y_m: float, psi_rad: float) -> Verdict:
