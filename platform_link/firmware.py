@@ -74,6 +74,13 @@ class Firmware:
         self._told_s = now_s
         self._seq += 1
         dead = self.dead_man(now_s)
-        commands = self._zeros if dead else self._commands
-        errors, refused = self._decoder.crc_errors, self.refused
-        return encode_telemetry(self._seq, self._echo_us, answer, dead, commands, self.battery_v, errors, refused)
+        return encode_telemetry(
+            self._seq,
+            self._echo_us,
+            self._zeros if dead else self._commands,
+            answer=answer,
+            dead_man=dead,
+            battery_v=self.battery_v,
+            crc_errors=self._decoder.crc_errors,
+            refused=self.refused,
+        )

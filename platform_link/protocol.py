@@ -72,7 +72,9 @@ def encode(message: Command | Telemetry) -> bytes:
 
     Raises ValueError when there are more than `MAX_CHANNELS` commands.
     """
-    return encode_command(*message) if isinstance(message, Command) else encode_telemetry(*message)
+    if isinstance(message, Command):
+        return encode_command(*message)
+    return encode_telemetry(**message._asdict())
 
 
 def encode_command(seq: int, time_us: int, commands: Sequence[float]) -> bytes:
@@ -86,9 +88,10 @@ def encode_command(seq: int, time_us: int, commands: Sequence[float]) -> bytes:
 def encode_telemetry(
     seq: int,
     echo_us: int,
+    commands: Sequence[float],
+    *,
     answer: bool,
     dead_man: bool,
-    commands: Sequence[float],
     battery_v: float | None,
     crc_errors: int,
     refused: int,

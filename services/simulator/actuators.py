@@ -134,16 +134,18 @@ class Actuators:
     def _push(self) -> None:
         X = Y = Z = K = M = N = 0.0
         values, failed, level = self.values, bool(self.failures), self._level
-        for name, drive, (x, y, z, k, m, n) in self._parts:
+        for name, drive, fixed in self._parts:
             value, kept = self._acts(name) if failed else (values[name], 1.0)
             if isinstance(drive, Rudder):
                 wash, kept_behind = self._acts(drive.behind)
                 wash = max(0.0, wash) * math.sqrt(kept_behind)  # thrust goes with its square
                 force = linear_force(value, wash, self._U, drive.k_r1, drive.k_r2)
-                x, y, z, k, m, n = rudder_column(drive, value)
+                column = rudder_column(drive, value)
             else:
+                column = fixed
                 force = (drive.at(self._U) if self.feel_flow else drive).thrust(value)
             force *= kept
+            x, y, z, k, m, n = column
             X, Y, N = X + x * force, Y + y * force, N + n * force
             if not level:
                 Z, K, M = Z + z * force, K + k * force, M + m * force

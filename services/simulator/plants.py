@@ -26,7 +26,7 @@ class Plant(Protocol):
     """A model as the world runs it."""
 
     def step(
-        self, level: State, upright: State, dt_s: float, tau: Wrench, water_m_s: Pair, n_squared: float
+        self, level: State, upright: State, dt_s: float, tau: Wrench, water_m_s: Pair, *, n_squared: float
     ) -> tuple[State, State]:
         """Return [x y psi u v r] and [z phi theta w p q] dt_s later, by one Runge-Kutta step; angles not wrapped.
 
@@ -42,7 +42,7 @@ class _Uncoupled:
         self._dives = model.heave is not None
 
     def step(
-        self, level: State, upright: State, dt_s: float, tau: Wrench, water_m_s: Pair, n_squared: float
+        self, level: State, upright: State, dt_s: float, tau: Wrench, water_m_s: Pair, *, n_squared: float
     ) -> tuple[State, State]:
         X, Y, Z, _, _, N = tau
         level = self._model.step(level, dt_s, (X, Y, N), water_m_s)
@@ -65,7 +65,7 @@ class _Coupled:
         self._model = CoupledDynamics(model)
 
     def step(
-        self, level: State, upright: State, dt_s: float, tau: Wrench, water_m_s: Pair, n_squared: float
+        self, level: State, upright: State, dt_s: float, tau: Wrench, water_m_s: Pair, *, n_squared: float
     ) -> tuple[State, State]:
         X, Y, _, _, _, N = tau
         return self._model.step(level, dt_s, (X, Y, N), water_m_s), upright
@@ -76,7 +76,7 @@ class _SixDof:
         self._model = SixDofDynamics(model)
 
     def step(
-        self, level: State, upright: State, dt_s: float, tau: Wrench, water_m_s: Pair, n_squared: float
+        self, level: State, upright: State, dt_s: float, tau: Wrench, water_m_s: Pair, *, n_squared: float
     ) -> tuple[State, State]:
         x, y, psi, u, v, r = level
         z, phi, theta, w, p, q = upright
@@ -92,7 +92,7 @@ class _Small:
         self._model = SmallVesselDynamics(model)
 
     def step(
-        self, level: State, upright: State, dt_s: float, tau: Wrench, water_m_s: Pair, n_squared: float
+        self, level: State, upright: State, dt_s: float, tau: Wrench, water_m_s: Pair, *, n_squared: float
     ) -> tuple[State, State]:
         X, Y, _, _, _, N = tau
         return self._model.step(level, dt_s, (X, Y, N), n_squared, water_m_s), upright
@@ -105,7 +105,7 @@ class _Asv:
         self._model = AsvDynamics(model)
 
     def step(
-        self, level: State, upright: State, dt_s: float, tau: Wrench, water_m_s: Pair, n_squared: float
+        self, level: State, upright: State, dt_s: float, tau: Wrench, water_m_s: Pair, *, n_squared: float
     ) -> tuple[State, State]:
         x, y, psi, u, _, r = level
         c_x, c_y = water_m_s

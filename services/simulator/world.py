@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from marine.allocation import Wrench
 from marine.dynamics.integrate import State
+from marine.dynamics.uncoupled import Tau
 from marine.environment import GaussMarkov, WaveField, Waves, Wind, tether_wrench, wind_wrench
 from marine.frames import to_body, to_tank, wrap_angle
 from marine.vessel import AsvModel, Vessel
@@ -90,6 +91,12 @@ class World:
         x, y = self._gusts.value
         return self._wind.x_m_s + x, self._wind.y_m_s + y
 
+    @property
+    def tau(self) -> Tau:
+        """What the actuators give on surge, sway and yaw: N, N, Nm."""
+        X, Y, _, _, _, N = self.actuators.wrench
+        return X, Y, N
+
     def command(self, commands: Mapping[str, float]) -> None:
         """Set the commands that the actuators run, from now on."""
         if commands != self._commands:
@@ -102,9 +109,7 @@ class World:
             self._now_ns = self._gust_ns = now_ns
             self.actuators.hurry()
         while self._now_ns < now_ns:
-            step_ns = now_ns - self._now_ns
-            if step_ns > LONGEST_STEP_NS:
-                step_ns = LONGEST_STEP_NS
+            step_ns = min(now_ns - self._now_ns, LONGEST_STEP_NS)
             arrival_ns = self.actuators.next_ns()
             if arrival_ns is not None and arrival_ns > self._now_ns:
                 step_ns = min(step_ns, arrival_ns - self._now_ns)
@@ -130,7 +135,8 @@ class World:
         U = relative_speed(u, v, psi, water) if actuators.feel_flow else 0.0
         actuators.advance(self._now_ns, dt_s, U)
         tau = actuators.wrench if self._quiet else self._pushed(actuators.wrench, moved)
-        level, upright = self._plant.step(self.state, self.upright, dt_s, tau, water, actuators.n_squared)
+        n_squared = actuators.n_squared
+        level, upright = self._plant.step(self.state, self.upright, dt_s, tau, water, n_squared=n_squared)
         x, y, psi, u, v, r = level
         self.state = self._within_walls((x, y, wrap_angle(psi), u, v, r))
         if upright is not self.upright:
