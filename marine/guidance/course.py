@@ -96,7 +96,7 @@ def straight(points: Sequence[Point], corner_m: float) -> Course:
 def spline(points: Sequence[Point]) -> Course:
     """Return the natural cubic spline through way-points, its parameter the length of the chords.
 
-    Raise ValueError for what `Path` refuses, and for a spline that crosses itself.
+    Raise ValueError for what `Path` refuses, and for a spline that crosses itself or turns back on its track.
     """
     Path(points, 0.0)
     P = np.array(points)
@@ -110,6 +110,8 @@ def spline(points: Sequence[Point]) -> Course:
     place = a * P[k] + b * P[k + 1] + ((a**3 - a) * M[k] + (b**3 - b) * M[k + 1]) * step**2 / 6.0
     d1 = (P[k + 1] - P[k]) / step + ((3.0 * b**2 - 1.0) * M[k + 1] - (3.0 * a**2 - 1.0) * M[k]) * step / 6.0
     d2 = a * M[k] + b * M[k + 1]
+    if bool(np.any((d1[2:] * d1[:-2]).sum(axis=1) <= 0.0)):  # by a right angle and more within 1/100 of a leg
+        raise ValueError("the smooth path turns back on its own track: move a way-point aside, or take straight legs")
     speed = np.hypot(d1[:, 0], d1[:, 1])
     kappa = (d1[:, 0] * d2[:, 1] - d1[:, 1] * d2[:, 0]) / speed**3
     gamma = np.unwrap(np.arctan2(d1[:, 1], d1[:, 0]))

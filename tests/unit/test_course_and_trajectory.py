@@ -89,6 +89,14 @@ def test_a_smooth_path_that_crosses_itself_is_refused_though_its_legs_do_not() -
         spline(LOOP[:1])
 
 
+@pytest.mark.parametrize("end", [(1.0, 1.0), (1.0, 1.2), (1.001, 1.0)])
+def test_a_smooth_path_that_turns_back_on_its_track_is_refused(end: tuple[float, float]) -> None:
+    back = [(1.0, 1.0), (1.0, 2.0), end]
+    with pytest.raises(ValueError, match="turns back on its own track"):
+        spline(back)
+    straight(back, 0.02)
+
+
 @given(places, st.booleans(), st.floats(0.02, 0.5), st.lists(st.floats(0.0, 0.5), min_size=5, max_size=40))
 @settings(max_examples=20)
 def test_the_reference_keeps_its_limits_and_ends_at_the_end(
