@@ -16,7 +16,7 @@ from marine.guidance.trajectory import Trajectory
 
 LIMITS = MotionLimits(0.3, 0.067, 1.6, 1.4, 1.0)
 SQUARE = [(1.0, 1.0), (3.0, 1.0), (3.0, 3.0), (1.0, 3.0)]
-LOOP = [(1.4, 1.1), (1.4, 1.7), (1.7, 0.6), (3.9, 2.0), (3.1, 1.0)]
+LOOP = [(3.3, 1.2), (4.1, 2.0), (2.2, 1.6), (3.4, 1.7), (3.1, 0.8)]
 SPLINE = spline(SQUARE)
 metres = st.floats(0.5, 4.5).map(lambda value: round(value, 2))
 places = st.lists(st.tuples(metres, metres), min_size=2, max_size=6)
