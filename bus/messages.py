@@ -721,7 +721,7 @@ class Traffic(BaseModel):
 class HubStatistics(Message):
     """What the hub carries. Of keys and sources only the busiest are named."""
 
-    clients: Count = Field(description="connected to the hub that says so")
+    clients: Count = Field(description="connected to the hub that says so, or to its standby")
     linked: bool = Field(description="the other one of hub and standby is connected")
     keys: Count = Field(description="keys that the hub knows")
     messages_hz: float

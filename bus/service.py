@@ -35,6 +35,8 @@ MAX_GAP = 1_000_000
 """A greater jump in a sequence is no loss but another count, or nonsense."""
 MAX_PAYLOAD_BYTES = 4_000_000
 """A larger payload is malformed without a look: parsing it would hold up the step."""
+_RETAINED = 0
+"""In place of a number: the sample is a last value, kept by the hub; the publisher's count is not compared with it."""
 _HEADER = frozenset(Message.model_fields)
 _stamped = Message.stamped  # looking up a method of a pydantic model takes longer than the call
 
@@ -156,10 +158,14 @@ class Input(Generic[M]):
         self.idle = False
 
     def offer_retained(self, sample: bytes | Message, key: str = "") -> None:
-        """Hand over the last value the hub kept, unless something newer came already."""
-        line = self._lines.get(key)
-        if line is None or not line.offers:
-            self.offer(sample, key)
+        """Hand over the last value the hub kept, unless something newer came already.
+
+        What its publisher sent between that and the first message that comes live is no loss.
+        """
+        line = self._lines.get(key) or self._lines.setdefault(key, _Line(key))
+        if not line.offers:
+            self._pending.append((line, _RETAINED, sample))
+            self.idle = False
 
     def refuse(self, reason: str) -> None:
         """Count a sample that cannot be taken over."""
@@ -218,7 +224,7 @@ class Input(Generic[M]):
                 continue
             content = message.__dict__  # of a pydantic model that is quicker than its attributes
             ahead, publisher = content["seq"] - number, content["source"]
-            if ahead != line.ahead or publisher != line.publisher:
+            if (ahead != line.ahead or publisher != line.publisher) and number != _RETAINED:
                 missing = ahead - line.ahead if publisher == line.publisher else 0
                 self.gaps += missing if 0 < missing <= MAX_GAP else 0
                 line.ahead, line.publisher = ahead, publisher

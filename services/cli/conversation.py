@@ -58,15 +58,20 @@ class Conversation:
     def ask(self, request: OperatorRequest | TuningRequest, topic: Topic[Any], answers: Topic[Any]) -> HelmAnswer:
         """Publish a request once somebody is there to answer it, and return the answer, of a topic listened to.
 
-        Raises CliError without one. A request that nobody hears is lost, as they are not kept. After THERE_S it is
-        sent all the same: it may be a stop.
+        Raises CliError without one. A request that nobody hears is lost, as they are not kept. A stop is sent at once
+        as well, and after THERE_S in any case.
         """
+        if getattr(request, "mode", "") == "stop":  # of a wish, not of tuning
+            self._send(request, topic)
         there = self._await(answers.publisher)
-        self.bus.publish(topic, request.stamped(self.bus.clock.now_ns(), 0, "cli"))
+        self._send(request, topic)
         if not self.wait(lambda: request.request_id in self._answers, ANSWER_S):
             lacks = f"did not answer within {ANSWER_S:.0f} s" if there else f"was not there within {THERE_S:.0f} s"
             raise CliError(f"the {answers.publisher} {lacks}: see `starboard status`")
         return self._answers[request.request_id]
+
+    def _send(self, request: OperatorRequest | TuningRequest, topic: Topic[Any]) -> None:
+        self.bus.publish(topic, request.stamped(self.bus.clock.now_ns(), 0, "cli"))
 
     def _await(self, service: str) -> bool:
         """Wait until a service is on the bus; return whether it is."""

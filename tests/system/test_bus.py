@@ -477,11 +477,14 @@ def test_a_request_of_the_command_line_waits_for_the_helm(
         bus.attach(Answers(), lambda: None)
 
     monkeypatch.setenv("STARBOARD_RUN_DIR", str(tmp_path))  # whatever else runs on this machine
+    heard: list[RawSample] = []
+    pair.client().subscribe(topics.OPERATOR_REQUEST.key, heard.append)
     with monkeypatch.context() as impatient:
         impatient.setattr(conversation, "THERE_S", 0.2)
         impatient.setattr(conversation, "ANSWER_S", 0.2)
         with pytest.raises(CliError, match=r"the helm was not there within 0 s: see `starboard status`"):
             mode("stop", hub=pair.hub)
+    wait_for(lambda: len(heard) == 2, 5.0, "a stop is sent at once, and when the helm should be there")
     assert not capsys.readouterr().err, "it says that it waits when that takes longer"
     late = threading.Timer(conversation.TELL_S + 0.5, come)
     late.start()

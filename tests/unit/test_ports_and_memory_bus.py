@@ -7,7 +7,7 @@ import pytest
 from bus import topics
 from bus.clock import NS, SimulatedClock
 from bus.memory_bus import MemoryBus
-from bus.messages import Heartbeat, HelmWrench, OperatorRequest, Wrench
+from bus.messages import Heartbeat, HelmState, HelmWrench, OperatorRequest, Wrench
 from bus.service import Input, Output, RawInput, Service
 from bus.topics import HEARTBEAT
 
@@ -142,6 +142,20 @@ def test_gaps_in_the_sequence_are_counted_but_not_overwritten_values() -> None:
     port.offer(Wrench(seq=10**30, source="controller"))
     port.refresh()
     assert port.gaps == 3, "nor is nonsense"
+
+
+def test_what_was_sent_between_the_kept_value_and_the_first_live_one_is_no_gap() -> None:
+    port = Input(topics.HELM_STATE)
+    port.offer_retained(HelmState(mode="stop", status="armed", seq=4, source="helm"))
+    port.refresh()
+    assert port.latest is not None
+    for seq in (9, 10, 12):
+        port.offer(HelmState(mode="stop", status="armed", seq=seq, source="helm"))
+        port.refresh()
+    assert port.gaps == 1
+    port.offer_retained(HelmState(mode="stop", status="armed", seq=3, source="helm"))
+    port.refresh()
+    assert port.latest.seq == 12, "newer came already"
 
 
 def test_a_queue_keeps_all_in_order_up_to_its_bound() -> None:
