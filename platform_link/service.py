@@ -16,6 +16,8 @@ from platform_link.protocol import MAX_CHANNELS, Decoder, Telemetry, encode_comm
 
 RETRY_S = 0.5
 SILENCE_S = 1.0
+TOLD_AFTER_S = 3.0
+"""A platform away for so long is worth a line; at the start of a system, and at its end, it is away for a moment."""
 """A platform that says nothing for so long counts as disconnected."""
 KEEP_ALIVE_S = 0.025
 """Send again in the first step so long after the last command. Half a period, because a step that telemetry woke puts
@@ -69,6 +71,8 @@ class PlatformLink(Service):
         self._round_trip_s: float | None = None
         self._last: Telemetry | None = None
         self._state = ""
+        self._changed_s = math.inf
+        self._told = ""
         self._rate_hz = 0.0
         self._window_s = -math.inf
         self._received_before = 0
@@ -165,14 +169,17 @@ class PlatformLink(Service):
         answering = now_s - self._received_s <= SILENCE_S
         state = "connected" if answering else "disconnected"
         error = self._error or ("" if answering else "the port is open, but the platform says nothing")
+        before, self._state = self._state, state
+        if state != before:
+            self._changed_s = now_s
+        if state != self._told and (answering or now_s - self._changed_s >= TOLD_AFTER_S):
+            self.log.info("%s", self._error or f"{self._uri}: {error or state}")
+            self._told = state
         if (seconds := now_s - self._window_s) >= 1.0 - 1e-6:
             self._rate_hz = (self._received - self._received_before) / seconds
             self._window_s, self._received_before = now_s, self._received
-        elif state == self._state:
+        elif state == before:
             return
-        if state != self._state:
-            self.log.info("%s: %s", self._uri, error or state)
-            self._state = state
         self.status.publish(
             LinkStatus(
                 state=state,

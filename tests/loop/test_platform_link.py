@@ -168,6 +168,25 @@ def test_unplugged_and_back(uri: str, link: PlatformLink) -> None:
     assert states[-1] == ("connected", "")
 
 
+def test_what_lasts_is_one_line_what_passes_is_none(
+    uri: str, link: PlatformLink, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO", "platform_link")
+    bus = MemoryBus()
+    bus.add(link)
+    bus.run_for(1.5)  # a simulator that starts last
+    bus.add(platform := Platform(uri))
+    bus.run_for(2.0)
+    for away_s in (1.0, 4.0, 4.0):
+        platform.port.close()
+        bus.kill("platform")
+        bus.run_for(away_s)
+        bus.add(platform := Platform(uri))
+        bus.run_for(2.0)
+    there, gone = f"{uri}: connected", f"{uri}: nobody is at the far end"
+    assert [record.getMessage() for record in caplog.records] == [there, gone, there, gone, there]
+
+
 def test_a_silent_platform_is_disconnected(uri: str, link: PlatformLink) -> None:
     bus, _platform = started(uri, link)
     bus.pause("platform")

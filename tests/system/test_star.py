@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+from functools import partial
 
 import psutil
 import pytest
@@ -235,6 +236,10 @@ def test_a_missing_camera_and_port_stop_nothing_else() -> None:
         first = star.wait(HEARTBEAT.of("camera_tracker"), lambda _: True, 5.0, "a heartbeat")
         star.wait(HEARTBEAT.of("camera_tracker"), lambda b: b.seq >= first.seq + 3, 8.0, "the tracker lives on")
         assert all(s["restarts"] == 0 for s in star.states().values()), star.states()
+
+        def told(what: str) -> list[str]:
+            return [line for line in star.log.splitlines() if what in line]
+
         for missing in ("video97", "ttyUSB97"):
-            told = [line for line in star.log.splitlines() if missing in line]
-            assert len(told) == 1, "one line in the terminal, however often it is tried again"
+            wait_for(partial(told, missing), 10.0, f"{missing} is told to be missing")
+            assert len(told(missing)) == 1, "one line in the terminal, however often it is tried again"
