@@ -125,6 +125,8 @@ class Star(Supervisor):  # type: ignore[misc]
         events.subscribe(events.ProcessStateEvent, self._on_state)
         events.subscribe(events.ProcessLogStderrEvent, self._on_stderr)
         self.states = {name: ServiceState(name) for group in self.process_groups.values() for name in group.processes}
+        for group in sorted(self.process_groups.values()):
+            group.transition()  # supervisor's loop begins with a wait of 1 s
         try:
             super().runforever()
         except ExitNow:
