@@ -75,6 +75,7 @@ class Allocation:
             itemgetter(*self.axes) if len(self.axes) > 1 else lambda tau: (tau[self.axes[0]],)
         )
         self._most = _ENDLESS * reach[list(self.axes)]
+        self._endless = float(self._most.min())
         self._demand = np.zeros(len(self.axes))
         weights = np.array([priority.get(axis, 1.0) / reach[axis] for axis in self.axes])
         self.weights = weights
@@ -96,6 +97,8 @@ class Allocation:
         thrusts = scale[:, None] * free
         self._free = np.vstack([thrusts, matrix @ thrusts])
         """Of a demand: the thrusts without limits, and the wrench that they give."""
+        self._parts = matrix * scale
+        """The wrench of thrusts in units of `thrust_scale`."""
         self._linear = linear
         self._solver = daqp.Model()
         self._bounds = np.array(self._upper) / scale, np.array(self._lower) / scale
@@ -111,24 +114,27 @@ class Allocation:
         limits: narrower (lower, upper) thrusts of this moment for all n actuators, from a limit on their rate; zero
         need not lie between them.
         """
-        self._demand[:] = self._of_axes(tau)
+        self._demand[:] = demand = self._of_axes(tau)
         *thrusts, X, Y, Z, K, M, N = self._free.dot(self._demand).tolist()
         lower, upper = self._lower, self._upper
         if limits is not None:
             lower = [max(low, limits[0][i]) for low, i in zip(lower, self.working, strict=True)]
             upper = [min(high, limits[1][i]) for high, i in zip(upper, self.working, strict=True)]
-        kept = all(map(le, lower, thrusts)) and all(map(le, thrusts, upper))
-        if not kept:
-            thrusts = self._solve_bounded(None if limits is None else (lower, upper))
+        if not (all(map(le, lower, thrusts)) and all(map(le, thrusts, upper))):
+            if max(map(abs, demand)) > self._endless:
+                np.clip(self._demand, -self._most, self._most, out=self._demand)
+            parts = self._solve_bounded(None if limits is None else (lower, upper))
+            thrusts = list(map(mul, parts.tolist(), self._scale))
+            X, Y, Z, K, M, N = self._parts.dot(parts).tolist()
         if len(thrusts) < self._size:
             every = [0.0] * self._size
             for i, thrust in zip(self.working, thrusts, strict=True):
                 every[i] = thrust
             thrusts = every
-        return thrusts, (X, Y, Z, K, M, N) if kept else self.wrench(thrusts)
+        return thrusts, (X, Y, Z, K, M, N)
 
-    def _solve_bounded(self, limits: tuple[list[float], list[float]] | None) -> list[float]:
-        np.clip(self._demand, -self._most, self._most, out=self._demand)
+    def _solve_bounded(self, limits: tuple[list[float], list[float]] | None) -> Array:
+        """Return the thrusts of the working actuators in units of `thrust_scale`."""
         linear = self._linear.dot(self._demand)
         if self._keep_direction:
             linear = linear * self.attainable.scaled(self._demand)
@@ -140,10 +146,10 @@ class Allocation:
             self._narrowed = False
         else:
             self._solver.update(f=linear)
-        part, _, exit_flag, _ = self._solver.solve()
+        parts, _, exit_flag, _ = self._solver.solve()
         if exit_flag < 1:
             raise ArithmeticError(f"allocation of {self._demand.tolist()} failed: daqp exit flag {exit_flag}")
-        return list(map(mul, part.tolist(), self._scale))
+        return np.asarray(parts)
 
     def wrench(self, thrusts: Iterable[float]) -> Wrench:
         """Return B t, [X Y Z K M N] in N and Nm: what thrusts in N of all n actuators do together."""
