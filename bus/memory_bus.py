@@ -54,7 +54,7 @@ class MemoryBus:
             self._readers.setdefault(port.topic.pattern, []).append((service.name, port))
             retained = self._last.get(port.topic.key)
             if retained is not None and retained[0].latched:
-                port.offer_retained(self._encoded(retained[1]))
+                port.offer(self._encoded(retained[1]), retained=True)
             if port.is_pattern:
                 self._offer_all_retained(port)
         for raw in service.raw_inputs:
@@ -93,10 +93,7 @@ class MemoryBus:
 
     def publish_bytes(self, key: str, payload: bytes) -> None:
         """Put any bytes on a key, as a broken client would."""
-        for offer, its_key, woken in self._route_of(key):
-            offer(payload, its_key)
-            if woken:
-                self._ready[woken] = None
+        self._offer(self._route_of(key), payload)
 
     def last(self, topic: Topic[M]) -> M | None:
         """Return the last message of a topic."""
@@ -147,7 +144,7 @@ class MemoryBus:
                 return
             del self._ready[name]
             stepper = self._steppers[name]
-            if not stepper.choosy or stepper.woken(now_ns):
+            if stepper.woken(now_ns):
                 stepper.step(now_ns)
         raise RuntimeError(f"services wake each other without end: {list(self._ready)}")
 
@@ -161,11 +158,7 @@ class MemoryBus:
         if route is None:
             route = self._route_of(key)
         if route:
-            sample = message.encode() if self._json else message
-            for offer, its_key, woken in route:
-                offer(sample, its_key)
-                if woken:
-                    self._ready[woken] = None
+            self._offer(route, message.encode() if self._json else message)
         if self._raw_readers:
             raw = RawSample(key, message.encode(), self.clock.now_ns())
             for name, raw_port in self._raw_readers:
@@ -190,4 +183,10 @@ class MemoryBus:
     def _offer_all_retained(self, port: Input[Any]) -> None:
         for key, (topic, message) in self._last.items():
             if topic.latched and matches(port.topic.pattern, key):
-                port.offer_retained(self._encoded(message), key)
+                port.offer(self._encoded(message), key, retained=True)
+
+    def _offer(self, route: list[_Reader], sample: bytes | Message) -> None:
+        for offer, key, woken in route:
+            offer(sample, key)
+            if woken:
+                self._ready[woken] = None

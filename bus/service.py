@@ -148,24 +148,22 @@ class Input(Generic[M]):
         self.idle = True
         """Whether `refresh` has nothing to do: most inputs, most of the time."""
 
-    def offer(self, sample: bytes | Message, key: str = "") -> None:
-        """Hand over a sample; called by the transport, from any thread. `key` matters to a topic of many keys only."""
+    def offer(self, sample: bytes | Message, key: str = "", *, retained: bool = False) -> None:
+        """Hand over a sample; called by the transport, from any thread. `key` matters to a topic of many keys only.
+
+        retained: it is the last value that the hub kept: not taken when something newer came already. What its
+        publisher sent between that and the first message that comes live is no loss.
+        """
         pending, line = self._pending, self._lines.get(key) or self._lines.setdefault(key, _Line(key))
-        line.offers = number = line.offers + 1
+        number = _RETAINED
+        if not retained:
+            line.offers = number = line.offers + 1
+        elif line.offers:
+            return
         if len(pending) == pending.maxlen:
             self._miss(1)
         pending.append((line, number, sample))
         self.idle = False
-
-    def offer_retained(self, sample: bytes | Message, key: str = "") -> None:
-        """Hand over the last value the hub kept, unless something newer came already.
-
-        What its publisher sent between that and the first message that comes live is no loss.
-        """
-        line = self._lines.get(key) or self._lines.setdefault(key, _Line(key))
-        if not line.offers:
-            self._pending.append((line, _RETAINED, sample))
-            self.idle = False
 
     def refuse(self, reason: str) -> None:
         """Count a sample that cannot be taken over."""

@@ -16,9 +16,9 @@ from platform_link.protocol import MAX_CHANNELS, Decoder, Telemetry, encode_comm
 
 RETRY_S = 0.5
 SILENCE_S = 1.0
+"""A platform that says nothing for so long counts as disconnected."""
 TOLD_AFTER_S = 3.0
 """A platform away for so long is worth a line; at the start of a system, and at its end, it is away for a moment."""
-"""A platform that says nothing for so long counts as disconnected."""
 KEEP_ALIVE_S = 0.025
 """Send again in the first step so long after the last command. Half a period, because a step that telemetry woke puts
 the next one off by a whole period."""

@@ -237,7 +237,7 @@ class ZenohBus:
             if reply.ok is not None and reply.ok.payload:
                 key, _ = self._told(reply.ok)
                 if port.is_pattern or key == port.topic.key:
-                    port.offer_retained(reply.ok.payload.to_bytes(), key if port.is_pattern else "")
+                    port.offer(reply.ok.payload.to_bytes(), key if port.is_pattern else "", retained=True)
 
         return take
 

@@ -146,14 +146,14 @@ def test_gaps_in_the_sequence_are_counted_but_not_overwritten_values() -> None:
 
 def test_what_was_sent_between_the_kept_value_and_the_first_live_one_is_no_gap() -> None:
     port = Input(topics.HELM_STATE)
-    port.offer_retained(HelmState(mode="stop", status="armed", seq=4, source="helm"))
+    port.offer(HelmState(mode="stop", status="armed", seq=4, source="helm"), retained=True)
     port.refresh()
     assert port.latest is not None
     for seq in (9, 10, 12):
         port.offer(HelmState(mode="stop", status="armed", seq=seq, source="helm"))
         port.refresh()
     assert port.gaps == 1
-    port.offer_retained(HelmState(mode="stop", status="armed", seq=3, source="helm"))
+    port.offer(HelmState(mode="stop", status="armed", seq=3, source="helm"), retained=True)
     port.refresh()
     assert port.latest.seq == 12, "newer came already"
 
