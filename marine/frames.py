@@ -19,16 +19,19 @@ def wrap_angle(angle_rad: float) -> float:
     return wrapped if wrapped > -math.pi else math.pi
 
 
+def rotated(x: float, y: float, c: float, s: float) -> tuple[float, float]:
+    """Return a vector rotated by the angle of cosine c and sine s, where several are: `to_tank`, `to_body` with -s."""
+    return c * x - s * y, s * x + c * y
+
+
 def to_tank(x_b: float, y_b: float, psi_rad: float) -> tuple[float, float]:
     """Return the {E} components of a vector given in {B}, thesis (2.27), pladypos (4)."""
-    c, s = math.cos(psi_rad), math.sin(psi_rad)
-    return c * x_b - s * y_b, s * x_b + c * y_b
+    return rotated(x_b, y_b, math.cos(psi_rad), math.sin(psi_rad))
 
 
 def to_body(x_e: float, y_e: float, psi_rad: float) -> tuple[float, float]:
     """Return the {B} components of a vector given in {E}: the inverse of `to_tank`."""
-    c, s = math.cos(psi_rad), math.sin(psi_rad)
-    return c * x_e + s * y_e, -s * x_e + c * y_e
+    return rotated(x_e, y_e, math.cos(psi_rad), -math.sin(psi_rad))
 
 
 def rotation(psi_rad: float) -> NDArray[np.float64]:

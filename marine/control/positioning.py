@@ -10,7 +10,7 @@ from marine.control.model_function import Coefficients, model_function
 from marine.control.single_loop import TRACKING_TIME, SingleLoop
 from marine.control.stability import limited
 from marine.control.structures import STRUCTURES, LoopDesign, design
-from marine.frames import to_body, to_tank, wrap_angle
+from marine.frames import rotated, wrap_angle
 from marine.vessel import DegreeOfFreedom, HorizontalModel, Vessel
 
 _UNIT_MASS = DegreeOfFreedom(1.0, 0.0, 0.0)
@@ -60,7 +60,6 @@ class Positioning(ControlLaw):
         unit = design(_I_PD, _UNIT_MASS, a)
         self._x = SingleLoop(unit, tracking_time_s)
         self._y = SingleLoop(unit, tracking_time_s)
-        self._damping = unit.gains.derivative
         self._psi = SingleLoop(limited(design(_I_PD, model.yaw, yaw)), TRACKING_TIME * yaw[2] ** (1.0 / 3.0))
         self._inertia = model.surge.alpha, model.sway.alpha, model.yaw.alpha
         self._eta: Vector3 | None = None
@@ -82,9 +81,9 @@ class Positioning(ControlLaw):
         """Set the integrals so that the next demand, without time passing, is tau."""
         u, v, r = nu
         X, Y, N = tau
-        psi = eta[2]
-        a_x, a_y = self._acceleration(X - self._surge.compensation(u), Y - self._sway.compensation(v), psi)
-        x_dot, y_dot = to_tank(u, v, psi)
+        c, s = math.cos(eta[2]), math.sin(eta[2])
+        a_x, a_y = self._acceleration(X - self._surge.compensation(u), Y - self._sway.compensation(v), c, s)
+        x_dot, y_dot = rotated(u, v, c, s)
         self._x.follow(a_x, x_dot)
         self._y.follow(a_y, y_dot)
         self._psi.follow(N, r)
@@ -92,28 +91,28 @@ class Positioning(ControlLaw):
 
     def demand(self, dt_s: float, reference: Reference, eta: Vector3, nu: Vector3, missing: Vector3) -> Vector3:
         """Return the demanded tau; see `ControlLaw.step`."""
-        (u, v, r), (x, y, psi), (alpha_u, alpha_v, alpha_r) = nu, eta, self._inertia
+        (u, v, r), (x, y, psi) = nu, eta
         x_before, y_before, psi_before = self._eta or eta
         self._eta = eta
-        c, s = math.cos(psi), math.sin(psi)  # {B} to {E} and back several times: what frames.to_tank and to_body do
+        c, s = math.cos(psi), math.sin(psi)
         e_x, e_y, e_psi = self._led_error(reference)
         short_x, short_y, short_n = missing
-        short_u, short_v = short_x / alpha_u, short_y / alpha_v
-        self._x.advance(dt_s, e_x, x - x_before, c * short_u - s * short_v)
-        self._y.advance(dt_s, e_y, y - y_before, s * short_u + c * short_v)
+        missing_x, missing_y = self._acceleration(short_x, short_y, c, s)
+        self._x.advance(dt_s, e_x, x - x_before, missing_x)
+        self._y.advance(dt_s, e_y, y - y_before, missing_y)
         self._psi.advance(dt_s, e_psi, wrap_angle(psi - psi_before), short_n)
+        x_dot, y_dot = rotated(u, v, c, s)
         led_x, led_y, led_psi = reference.acceleration
-        a_x = self._x.action - self._damping * (c * u - s * v) + led_x
-        a_y = self._y.action - self._damping * (s * u + c * v) + led_y
-        X = alpha_u * (c * a_x + s * a_y) + self._surge.compensation(u)
-        Y = alpha_v * (c * a_y - s * a_x) + self._sway.compensation(v)
-        return X, Y, self._psi.demand(r) + alpha_r * led_psi
+        X, Y = self._force(self._x.demand(x_dot) + led_x, self._y.demand(y_dot) + led_y, c, s)
+        N = self._psi.demand(r) + self._inertia[2] * led_psi
+        return X + self._surge.compensation(u), Y + self._sway.compensation(v), N
 
     @property
     def held(self) -> Vector3:
         """What integral and position part hold, in {E}, N and Nm: at rest the force against the disturbance."""
         psi = self._eta[2] if self._eta else 0.0
-        return *to_tank(*self._force(self._x.action, self._y.action, psi), psi), self._psi.action
+        c, s = math.cos(psi), math.sin(psi)
+        return *rotated(*self._force(self._x.action, self._y.action, c, s), c, s), self._psi.action
 
     def _led_error(self, reference: Reference) -> Vector3:
         (e_x, e_y, e_psi), ((a1, a2, _), (yaw1, yaw2, _)) = self.error, self._functions
@@ -124,13 +123,13 @@ class Positioning(ControlLaw):
             e_psi + yaw1 * r + yaw2 * r_dot,
         )
 
-    def _acceleration(self, X: float, Y: float, psi: float) -> tuple[float, float]:
-        """Return the acceleration in {E} that a force in {B} gives, m/s^2."""
+    def _acceleration(self, X: float, Y: float, c: float, s: float) -> tuple[float, float]:
+        """Return the acceleration in {E} that a force in {B} gives, m/s^2, at the heading of cosine c and sine s."""
         alpha_u, alpha_v, _ = self._inertia
-        return to_tank(X / alpha_u, Y / alpha_v, psi)
+        return rotated(X / alpha_u, Y / alpha_v, c, s)
 
-    def _force(self, a_x: float, a_y: float, psi: float) -> tuple[float, float]:
+    def _force(self, a_x: float, a_y: float, c: float, s: float) -> tuple[float, float]:
         """Return the force in {B} that gives an acceleration in {E}: diag(alpha) R^T a."""
-        surge, sway = to_body(a_x, a_y, psi)
+        surge, sway = rotated(a_x, a_y, c, -s)
         alpha_u, alpha_v, _ = self._inertia
         return alpha_u * surge, alpha_v * sway

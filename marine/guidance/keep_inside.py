@@ -8,6 +8,7 @@ import numpy as np
 
 from marine.allocation import axis_limits
 from marine.control.base import Vector3
+from marine.frames import rotated
 from marine.guidance.abilities import Abilities
 from marine.guidance.turn_away import TurnAway
 from marine.vessel import Vessel
@@ -101,7 +102,7 @@ class PoolGuard:
         """
         c, s = math.cos(eta[2]), math.sin(eta[2])
         u, v, r = nu
-        velocity = (c * u - s * v, s * u + c * v)
+        velocity = rotated(u, v, c, s)
         surge, sway = self._surge, self._sway
         drag_u, drag_v = surge.drag(u), sway.drag(v)
         caps: list[_Cap] = []
@@ -125,7 +126,7 @@ class PoolGuard:
 
     def _to_all_sides(self, tau: Vector3, c: float, s: float, caps: list[_Cap]) -> tuple[Vector3, list[str]]:
         X, Y, N = tau
-        force, brake, walls = [c * X - s * Y, s * X + c * Y], [0.0, 0.0], []
+        force, brake, walls = list(rotated(X, Y, c, s)), [0.0, 0.0], []
         for axis, side, most, name in caps:
             if side * force[axis] <= most:
                 continue
@@ -135,8 +136,8 @@ class PoolGuard:
                 force[axis], brake[axis] = 0.0, side * most
         if not walls:
             return tau, walls
-        rest = (c * force[0] + s * force[1], -s * force[0] + c * force[1], N)
-        first = (c * brake[0] + s * brake[1], -s * brake[0] + c * brake[1], 0.0)
+        rest = (*rotated(force[0], force[1], c, -s), N)
+        first = (*rotated(brake[0], brake[1], c, -s), 0.0)
         share = self._share(first)
         if share == 0.0:
             return rest, walls
