@@ -115,7 +115,7 @@ class ControlLaw(ABC):
         against_x, against_y = to_body(-d_x, -d_y, psi)
         X, Y, N = self._faded_in(dt_s, X + against_x, Y + against_y, N - d_n)
         limit_x, limit_y, limit_n = self.limits
-        tau = _within(X, limit_x), _within(Y, limit_y), _within(N, limit_n)
+        tau = within(X, limit_x), within(Y, limit_y), within(N, limit_n)
         self._cut = tau[0] - X, tau[1] - Y, tau[2] - N
         return tau
 
@@ -133,5 +133,6 @@ class ControlLaw(ABC):
         return X + x, Y + y, N + n
 
 
-def _within(value: float, limit: float) -> float:
+def within(value: float, limit: float) -> float:
+    """Return a value cut to +-limit."""
     return value if -limit <= value <= limit else math.copysign(limit, value)

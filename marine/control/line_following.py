@@ -11,16 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from marine.control.base import within
 from marine.control.model_function import Coefficients
 from marine.control.structures import TransferFunction
 from marine.vessel import DegreeOfFreedom
 
 SLOWEST = 0.9
 """Part of u_r below which (8.47) does not believe the measured speed: a vessel that starts would turn on the spot."""
-
-
-def _clip(value: float, limit: float) -> float:
-    return max(-limit, min(limit, value))
 
 
 # Method 1: direct
@@ -94,7 +91,7 @@ class DirectLine:
         """Return the wanted yaw rate in rad/s, (8.58), with d' over ground from u and v."""
         speed = max(u_m_s, SLOWEST * self._u_r)
         d_dot = speed * math.sin(phi_rad) + v_m_s * math.cos(phi_rad)
-        return -self.gains.proportional_d * _clip(d_m, self.d_max_m) - self.gains.derivative_d * d_dot
+        return -self.gains.proportional_d * within(d_m, self.d_max_m) - self.gains.derivative_d * d_dot
 
     def step(  # noqa: PLR0917
         self,
@@ -115,7 +112,7 @@ class DirectLine:
         error = self.reference(d_m, phi_rad, u, v) + turning_rad_s - r
         self._integral += g.integral_r * error * dt_s + min(1.0, dt_s / self._tracking_s) * (self._missing + missing)
         wanted = self._integral - g.proportional_r * r + self._yaw.drag(r)
-        N = _clip(wanted, self._limit)
+        N = within(wanted, self._limit)
         self._missing = N - wanted
         return N
 
@@ -224,6 +221,6 @@ class IndirectLine:
         g = self.gains
         self._integral += -g.K_Id * d_m * dt_s + min(1.0, dt_s / self._tracking_s) * self._missing
         wanted = self._integral - g.K_psi * math.sin(phi_rad) - g.K_r * r_rad_s - g.K_d * d_m
-        limited = _clip(wanted, self.limit_rad)
+        limited = within(wanted, self.limit_rad)
         self._missing = limited - wanted
         return limited

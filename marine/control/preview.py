@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from itertools import pairwise
 
-from marine.control.base import ZERO, ControlLaw, Reference, Vector3
+from marine.control.base import ZERO, ControlLaw, Reference, Vector3, within
 from marine.control.single_loop import TRACKING_TIME, SingleLoop
 from marine.control.structures import LoopDesign
 from marine.frames import wrap_angle
@@ -52,7 +52,7 @@ def step_response(  # noqa: PLR0917
         law.advance(dt_s, step - eta, eta - eta_before, missing, stepped)
         stepped = 0.0
         demand = law.demand(nu)
-        given = max(-limit, min(limit, demand))
+        given = within(demand, limit)
         missing = given - demand
         peak = max(peak, abs(demand))
         saturated_s += dt_s if missing else 0.0

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-
+from marine.control.base import within
 from marine.control.structures import LoopDesign
 from marine.frames import wrap_angle
 
@@ -95,6 +94,6 @@ class LimitedLoop:
             self.error, moved = wrap_angle(self.error), wrap_angle(moved)
         self._loop.advance(dt_s, self.error, moved, self._cut + missing)
         wanted = self._loop.demand(nu)
-        tau = wanted if -self.limit <= wanted <= self.limit else math.copysign(self.limit, wanted)
+        tau = within(wanted, self.limit)
         self._before, self._cut = eta, tau - wanted
         return tau

@@ -40,9 +40,13 @@ class UncoupledModel:
     ) -> State:
         """Return the time derivative of a state under the wrench tau; current and disturbance are given in {E}."""
         _, _, psi, u, v, r = state
-        b_r, b_rr, w_r = self._yaw
         x_rate, y_rate, u_rate, v_rate = self._level_rates(psi, u, v, tau, current_m_s, disturbance)
-        return x_rate, y_rate, r, u_rate, v_rate, w_r * (tau[2] + disturbance[2] - (b_r + b_rr * abs(r)) * r)
+        return x_rate, y_rate, r, u_rate, v_rate, self._yaw_rate(r, tau[2] + disturbance[2])
+
+    def _yaw_rate(self, r: float, N: float) -> float:
+        """Return r'."""
+        b_r, b_rr, w_r = self._yaw
+        return w_r * (N - (b_r + b_rr * abs(r)) * r)
 
     def _level_rates(  # noqa: PLR0917 - the innermost of simulator and filter
         self, psi: float, u: float, v: float, tau: Tau, current_m_s: tuple[float, float], disturbance: Tau
@@ -75,21 +79,15 @@ class UncoupledModel:
     ) -> State:
         """Return the state dt_s later by one Runge-Kutta step with constant inputs; psi is not wrapped.
 
-        What `rk4` gives of `derivative`, bit by bit, at two thirds of its price: nothing feels the position, and yaw
-        feels only itself.
+        What `rk4` gives of `derivative`, bit by bit, for less: nothing feels the position, and yaw feels only itself.
         """
         x, y, psi, u, v, r = state
         h, w = 0.5 * dt_s, dt_s / 6.0
-        b_r, b_rr, w_r = self._yaw
-        N = tau[2] + disturbance[2]
-        r_1 = w_r * (N - (b_r + b_rr * abs(r)) * r)
-        r_b = r + h * r_1
-        r_2 = w_r * (N - (b_r + b_rr * abs(r_b)) * r_b)
-        r_c = r + h * r_2
-        r_3 = w_r * (N - (b_r + b_rr * abs(r_c)) * r_c)
-        r_d = r + dt_s * r_3
-        r_4 = w_r * (N - (b_r + b_rr * abs(r_d)) * r_d)
-        rates = self._level_rates
+        rates, yaw_rate, N = self._level_rates, self._yaw_rate, tau[2] + disturbance[2]
+        r_1 = yaw_rate(r, N)
+        r_2 = yaw_rate(r_b := r + h * r_1, N)
+        r_3 = yaw_rate(r_c := r + h * r_2, N)
+        r_4 = yaw_rate(r_d := r + dt_s * r_3, N)
         x_1, y_1, u_1, v_1 = rates(psi, u, v, tau, current_m_s, disturbance)
         x_2, y_2, u_2, v_2 = rates(psi + h * r, u + h * u_1, v + h * v_1, tau, current_m_s, disturbance)
         x_3, y_3, u_3, v_3 = rates(psi + h * r_b, u + h * u_2, v + h * v_2, tau, current_m_s, disturbance)
