@@ -48,7 +48,6 @@ class Actuators:
             (a.name, a if isinstance(a, Rudder) else Drive(a), column)
             for a, column in zip(vessel.actuators, columns, strict=True)
         ]
-        self._level = not any(z or k or m for _, _, z, k, m, _ in columns)
         self._limits = {a.name: (a.lowest, a.n_max) for a in vessel.actuators}
         feel_setting = isinstance(vessel.dynamics, SmallVesselModel)
         self._thrusters = [a.name for a in vessel.actuators if feel_setting and isinstance(a, Thruster)]
@@ -133,7 +132,7 @@ class Actuators:
 
     def _push(self) -> None:
         X = Y = Z = K = M = N = 0.0
-        values, failed, level = self.values, bool(self.failures), self._level
+        values, failed = self.values, bool(self.failures)
         for name, drive, fixed in self._parts:
             value, kept = self._acts(name) if failed else (values[name], 1.0)
             if isinstance(drive, Rudder):
@@ -146,9 +145,8 @@ class Actuators:
                 force = (drive.at(self._U) if self.feel_flow else drive).thrust(value)
             force *= kept
             x, y, z, k, m, n = column
-            X, Y, N = X + x * force, Y + y * force, N + n * force
-            if not level:
-                Z, K, M = Z + z * force, K + k * force, M + m * force
+            X, Y, Z = X + x * force, Y + y * force, Z + z * force
+            K, M, N = K + k * force, M + m * force, N + n * force
         self.wrench = (X, Y, Z, K, M, N)
         if self._thrusters:
             acting = [self._acts(name) for name in self._thrusters]

@@ -82,6 +82,7 @@ def test_held_by_sigstop(star: RunningStar, name: str) -> None:
         if star.states()[name]["pid"] == pid:
             os.kill(pid, signal.SIGCONT)
     if name in CHAIN:
+        assert first_still_s(star, begin_s) < STILL_WITHIN_S
         notes = read_notes(star.folder, begin_s + STILL_WITHIN_S)
         moving = [n.moving for n in notes if n.stamp_s < begin_s + 0.5 * HUNG_AFTER_S]
         assert moving, "the simulator lives"
